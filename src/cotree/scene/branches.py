@@ -127,8 +127,7 @@ def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
     return map_tree(whole, lambda own: by if own is part else None)
 
 
-#: Callback that receives the tree of a jump and a description of its owner. It returns the name of
-#: the mode that replaces the jump, or the unchanged tree.
+#: Returns the name of the mode that replaces a jump, or its tree; also receives its owner.
 Rewrite = Callable[[ast.expr, str], ast.expr]
 
 _LAWS = ("across", "through", "storage", "content")

@@ -299,8 +299,7 @@ def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
             if row.shape is not Shape.INERTIA or row.name not in edge.fields:
                 continue
             tensor = _numbers(scene, edge.fields[row.name])
-            # Eigenvalues are in ascending order. If only one entry of a tensor is nonzero, the
-            # others were omitted on purpose.
+            # Eigenvalues ascend. A tensor with only one nonzero entry is incomplete on purpose.
             least, middle, largest = np.linalg.eigvalsh(tensor)
             is_negative = least < -ROUNDING * np.trace(tensor)
             if is_negative:

@@ -229,8 +229,7 @@ def _is_coupled(edge: Edge) -> bool:
     return any(isinstance(s, Freedom) and s.pitch for s in edge.component.motion_space)
 
 
-# Largest numbers of bodies, in open and in closed chains, up to which trees with absolute
-# coordinates are also evaluated.
+# Most bodies, in open and closed chains, for which absolute coordinates are also compared.
 _FEW_OPEN, _FEW_CLOSED = 3, 8
 
 #: The user's choice of the tree: None, branches for all graphs, or branches for each graph.

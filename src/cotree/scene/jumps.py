@@ -285,8 +285,7 @@ class _Tree:
 
     def _floor(self, value: ast.expr) -> ast.expr:
         """Replace a floor by a mode that changes when the value reaches another integer."""
-        # At an event the value is an integer up to rounding, so that the count changes by at least
-        # one, and by more if the value jumps.
+        # At an event the value is an integer up to rounding; the count changes by at least one.
         new = "{}(b {} 1.0, floor(a))"
         up = (1, fill("a - b - 1.0", value, _ITSELF), fill(new.format("max", "+"), value, _ITSELF))
         down = (-1, fill("a - b", value, _ITSELF), fill(new.format("min", "-"), value, _ITSELF))

@@ -129,8 +129,7 @@ class Swap:
     #: Edge of the controlling variable. If this is a difference of node potentials, or belongs to
     #: an edge with its own law, an open edge that is in no other graph.
     control: Port
-    #: The controlling variable: ``across`` or ``through``; "" for an ideal coupling, whose ports
-    #: have laws for both.
+    #: ``across``, ``through``, or "" for an ideal coupling, whose ports have laws for both.
     quantity: str
 
     @property

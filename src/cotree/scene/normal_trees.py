@@ -80,8 +80,7 @@ class _Couple:
                 (*none, True, False),
                 (*none, False, True),
             )
-        # The motion at a port that acts on a multibody system is prescribed, and a short-circuited
-        # port is no edge of a graph: neither can be a branch.
+        # Motion at ports on a multibody system is prescribed; short-circuited ports have no edge.
         could = [port.name in edges for port in ports]
         return cls(
             (first.name, second.name, *own),
@@ -290,8 +289,7 @@ class CoupledTrees:
         counts = Counter(name for names in must for name in names)
         costs = {name: self.costs[name] - bonus * n for name, n in counts.items()}
         rest = [name for name in self.costs if name not in known and name not in costs]
-        # A port replaces at most the heaviest edge of a circuit, so that edges outside the lightest
-        # forest are never part of the optimum.
+        # A port replaces the heaviest edge of a circuit, so that only the lightest forest matters.
         alone = set(across.lightest((n for n in rest if not self._is_split(n)), self.costs))
         return costs | {
             name: self.costs[name] for name in rest if self._is_split(name) or name in alone
@@ -309,8 +307,7 @@ def _ends(port: Port) -> tuple[str, str]:
 #: Weight of edges that are never branches.
 _NEVER = float("inf")
 
-#: Largest preference between edges of the same kind, which is smaller than preferences between
-#: kinds or due to initial values.
+#: Largest preference within a kind, below preferences between kinds or for initial values.
 _AMONG_LIKE = 0.2
 
 
@@ -340,8 +337,7 @@ def normal_trees(
         _check_short(port)
     try:
         for graph in graphs.values():
-            # With ideal amplifiers there must be two trees: the branches of one include their
-            # inputs, those of the other their outputs.
+            # With ideal amplifiers, one tree includes their inputs and the other their outputs.
             for kind in (Kind.NULLATOR, Kind.NORATOR):
                 _check_across_sources(graph, ports, kind)
                 _check_reached(graph, ports, weights, kind)
@@ -490,8 +486,7 @@ def _weight(port: Port) -> float:
     row, initial = DOMAINS[port.terminal.domain], port.initial
     content = content_of(port.terminal)
     is_given = content is not None and content[0] in initial
-    # The across variable of a branch, or the through variable of a chord, is a state. Prefer a
-    # choice in which a variable with a given initial value is a state.
+    # Variables with an initial value should be states: across of a branch, through of a chord.
     if port.kind is Kind.ACROSS_STORAGE and (is_given or row.across_symbol in initial):
         return own - 0.25  # preferred as a branch
     if port.kind is Kind.THROUGH_STORAGE and (is_given or row.through_symbol in initial):

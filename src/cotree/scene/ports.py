@@ -55,8 +55,7 @@ def check_ports(
             return (), (), rest
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
-    # ``check_heat`` has appended the thermal port, whose node is the value of a field. The nodes of
-    # all other ports are read without it.
+    # The value of a field is the node of the thermal port, which ``check_heat`` has appended.
     if component.ports[-1].port == HEAT:
         sink = _heat_nodes(edge, rest.pop(HEAT))
         own = replace(component, ports=component.ports[:-1])

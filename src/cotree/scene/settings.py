@@ -30,8 +30,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 #: Default limits of the numbers of steps and events in a run.
 MOST_STEPS, MOST_EVENTS = 1_000_000, 100_000
 
-#: Limit of the number of steps in a run for an estimation. Far from the estimates a model may
-#: become stiff: its run then fails early, and the optimiser rejects its step.
+#: Most steps of a run in an estimation, so that runs of models that become stiff fail early.
 STEPS_OF_FIT = 100_000
 
 
@@ -393,8 +392,7 @@ def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
     return Settings(**{name: getattr(defaults, name) for name in ROWS} | own)
 
 
-#: Kinds of starts: initial values of the states, or the operating point at which all rates are
-#: zero.
+#: Starts from initial values of the states, or from the operating point, where rates are zero.
 INITIAL, OPERATING_POINT = "initial values", "operating point"
 
 

@@ -301,8 +301,7 @@ class _Reading:
     text: str
     where: str
     file: str = ""  # path of the file; empty if the text is not from a file
-    #: Folder that must contain the files of all parts, and folder of this file; empty if parts must
-    #: not name files.
+    #: Folder that must contain the files of parts, and folder of this file; empty: no such files.
     root: str = ""
     folder: str = ""
     trail: tuple[str, ...] = ()  # files that are currently being read, the outermost first

@@ -169,8 +169,7 @@ def _holder(port: Port, of: str = "") -> str:
 def _stop_modes(port: Port) -> list[_ModeRow]:
     laws, holder = _laws(port), _holder(port)
     assert laws is not None
-    # In an impact, the speed changes by the impulse. Friction without a normal force is disengaged,
-    # and its impulse is zero between evaluations.
+    # Between impacts, friction without a normal force is disengaged and its impulse zero.
     is_stop = port.kind is Kind.STOP
     doc = "of the last impact" if is_stop else "asked for in an impact"
     rows = [
