@@ -189,8 +189,7 @@ def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> f
 def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
     """Raise an error for an event that a run would handle incorrectly at the start."""
     value, is_known = _at_start(scene, event, begin)
-    # At the start of a run, an event occurs if its value is zero and rising. Comparisons with the
-    # time rise; for others this is not known here.
+    # An event at zero occurs at the start if it rises, which is known only for times.
     is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
     is_early = value == 0.0 and begin.holds_at_zero
     if is_early if event.is_initially_true else is_late:

@@ -60,8 +60,7 @@ def name(identifier: str) -> Term:
 class TermMaker:
     """Combines terms, and makes parts that are too large separate quantities."""
 
-    #: Function that takes an expression and the beginning of a name, declares a quantity with this
-    #: expression and returns its name.
+    #: Declares a quantity from its expression and the beginning of its name; returns its name.
     cut: Callable[[str, str], str]
 
     def form(self, form: str, *terms: Term) -> Term:
@@ -115,8 +114,7 @@ def children(node: Any) -> list[Any]:
 
 
 _DEEPEST = 200  # maximum depth of a formula after expansion of the model's functions
-# Maximum numbers of nodes of one formula and of all formulas, since expansion of nested calls may
-# grow exponentially.
+# Most nodes of one formula and of all; expansion of nested calls may grow exponentially.
 _MOST, _MOST_OF_ALL = 20_000, 2_000_000
 _AVOGADRO = 6.02214179e23  # Avogadro constant of SBML Level 3, [1/mol]
 

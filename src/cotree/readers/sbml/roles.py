@@ -125,8 +125,7 @@ def roles_of(content: SbmlContent) -> Roles:
         else:
             found[id] = Role.MODE if id in set_by_events else Role.FIXED
     order = _order(uses | rate_dependencies(content), content)
-    # A rule that depends only on constants defines a constant. If it defines a compartment, states
-    # of species in it need not be amounts.
+    # A rule of constants defines a constant: states in such a compartment need not be amounts.
     for id in order:
         if id in content.assignments and all(found.get(n) is Role.FIXED for n in uses[id]):
             found[id] = Role.FIXED
@@ -228,8 +227,7 @@ class Rates:
                 term = self._formed(id, reader)
             finally:
                 self._open.pop()
-            # Several formulas may use the rate, so that a quantity is declared for a longer
-            # expression.
+            # Several formulas may use the rate: declare a quantity for a longer expression.
             is_short = term.size == 1
             self._found[id] = term if is_short else name(self._declare(term.text, f"rate_of_{id}"))
         return self._found[id]

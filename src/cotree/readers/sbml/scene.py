@@ -55,8 +55,7 @@ class SbmlSymbol:
     #: model's formulas: the value of a species is an amount or a concentration.
     name: str
     state: str = ""  # state, such as ``A.c``, or mode of the quantity; empty if there is none
-    #: Expression of the factor from the value to the state, empty if the factor is 1. In a
-    #: compartment of variable size, states of species are amounts.
+    #: Factor from value to state in compartments of variable size, where states are amounts, or "".
     factor: str = ""
     #: Parameter for the initial value in the unit of ``name``, which may be derived from other
     #: parameters. For a constant it is the parameter itself. Empty for reactions and for quantities
@@ -86,8 +85,7 @@ class SceneWriter(Generic[_Scene]):
         self.scene = scene_type(scene_name(content.id or Path(file).stem, "model"))
         self.namer = Namer()
         self.roles = roles_of(content)
-        # Identifiers of the model are names of the scene. Names that the reader adds must differ
-        # from them.
+        # Names that the reader adds must differ from identifiers of the model.
         rows = content.quantities.items()
         self.names = {id: self.namer.give(row.kind.split()[0], id) for id, row in rows}
         for reaction in content.reactions:

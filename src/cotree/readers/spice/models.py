@@ -93,8 +93,7 @@ _FIELD_EFFECT = {
     "ld": ModelParameter(0.0, "", "", "m"),
     "level": ModelParameter(1.0, ""),
 }
-#: Junction field-effect transistors, with the same channel and diodes between the gate and its
-#: ends.
+#: Junction field-effect transistors: the same channel, and diodes between gate and ends.
 _JUNCTION_GATE = {
     "vto": ModelParameter(-2.0, "", "", "V"),
     "beta": ModelParameter(1e-4, "", "", "A/V^2"),
@@ -193,8 +192,7 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
     fields: dict[str, Value] = {}
     for name, row in _TABLES[model.letter].items():
         value = model.values[name]
-        # If the default is zero, a value of zero means that a resistance or charge is absent, or
-        # that a voltage or current is infinite.
+        # With default zero, zero means no resistance or charge, or an infinite voltage or current.
         if row.field and not (is_zero(value) and row.default == 0.0):
             fields[row.field] = scaled(value, area, row.area) if row.area else value
     ideality = model.values.get("n", 1.0)

@@ -55,8 +55,7 @@ class Writer(Sheet[_Scene]):
         """Add all statements to the scene, and return it."""
         whole = self.netlist.circuit
         top = Scope(functions=whole.functions)
-        # Options, parameters, times and initial voltages are read first, since values, waveforms
-        # and initial states of elements depend on them.
+        # Values, waveforms and initial states depend on options, parameters and times.
         for line in self.netlist.options:
             self._option(line, top)
         own: dict[str, ParameterRow] = {}
@@ -160,8 +159,7 @@ class Writer(Sheet[_Scene]):
         for name in self.voltages:
             if name not in known:
                 raise at.error(f".ic names '{brief(name)}', which is not a node")
-        # With ``uic`` the run starts at the initial values, otherwise at the operating point, which
-        # is computed with the voltages of ``.ic`` fixed.
+        # Without ``uic`` the run starts at the operating point, with the voltages of ``.ic`` fixed.
         if self.uses_initial:
             return
         held = {known[name]: value for name, value in self.voltages.items()}

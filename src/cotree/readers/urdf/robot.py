@@ -46,8 +46,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
             )
         onto[joint.child] = joint
         below[joint.parent].append(joint)
-    # Each link except the root is the child of one joint. Links and joints therefore form a tree,
-    # unless there is a separate cycle.
+    # Each link except the root is the child of one joint: a tree, unless a cycle is separate.
     roots = [link for link in robot.links if link.name not in onto]
     if not roots:
         raise robot.links[0].at.error("the joints form a cycle")
