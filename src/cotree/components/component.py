@@ -211,13 +211,8 @@ class Component:
     def tree_weight(self) -> float | None:
         """Weight of the edge as a branch of the tree; None if it cannot be a branch."""
         # The weight is the number of coordinates: dimensions of the motion space, six for a body.
-        if self.role is Role.ARM:
-            return 0.0
-        if self.role is Role.JOINT:
-            return float(self.n_freedoms)
-        if self.role is Role.BODY:
-            return 6.0
-        return None
+        weights = {Role.ARM: 0.0, Role.JOINT: float(self.n_freedoms), Role.BODY: 6.0}
+        return weights.get(self.role)
 
     def field(self, name: str) -> Field | None:
         """Return the field called ``name``, or None if there is none."""

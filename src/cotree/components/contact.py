@@ -340,13 +340,9 @@ def _slip(spot: int, end: str) -> Terminal:
 
 
 def _sliding(spot: int, direction: int, end: str, friction: Friction) -> Terminal:
+    name, touch = slide_name(direction, end), Touch(spot, f"slip{direction + 1}")
     return Terminal(
-        "translational",
-        Kind.FRICTION,
-        slide_name(direction, end),
-        is_passive=False,
-        friction=friction,
-        touch=Touch(spot, f"slip{direction + 1}"),
+        "translational", Kind.FRICTION, name, is_passive=False, friction=friction, touch=touch
     )
 
 
@@ -392,12 +388,8 @@ def with_discs(component: Component) -> Component:
 
 def _adapt_rigid(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
-    own = replace(
-        RIGID_CONTACT,
-        ports=_ports(n_spots, has_friction),
-        measures=pushes(n_spots),
-        geometry=geometry_of(given),
-    )
+    ports, geometry = _ports(n_spots, has_friction), geometry_of(given)
+    own = replace(RIGID_CONTACT, ports=ports, measures=pushes(n_spots), geometry=geometry)
     return own, nodes, given
 
 

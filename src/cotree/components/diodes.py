@@ -42,24 +42,13 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
 
 def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Field, ...]:
     """Build the fields of a depletion capacitance: default built-in potential, [V], and grading."""
+    capacitance = "depletion capacitance at zero voltage"
+    built_in = "built-in potential of the junction"
+    exponent = "grading exponent: 0.5 for an abrupt junction, 0.33 for a linear one"
     return (
-        optional(
-            f"{prefix}_capacitance",
-            "F",
-            "depletion capacitance at zero voltage",
-            0.0,
-            "nonnegative",
-        ),
-        optional(
-            f"{prefix}_potential", "V", "built-in potential of the junction", potential, "positive"
-        ),
-        optional(
-            f"{prefix}_grading",
-            "1",
-            "grading exponent: 0.5 for an abrupt junction, 0.33 for a linear one",
-            grading,
-            "nonnegative",
-        ),
+        optional(f"{prefix}_capacitance", "F", capacitance, 0.0, "nonnegative"),
+        optional(f"{prefix}_potential", "V", built_in, potential, "positive"),
+        optional(f"{prefix}_grading", "1", exponent, grading, "nonnegative"),
     )
 
 

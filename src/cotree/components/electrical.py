@@ -287,15 +287,10 @@ def _tabled(source: Component) -> Adapt:
 def _piecewise(source: Component) -> Component:
     given = source.fields[0]
     name, doc = f"piecewise_{given.name}", "waveform that is linear between given points"
+    values = "values at these times; constant before and after them"
     fields = (
         Field("times", "s", "times of the points, ascending", Shape.NUMBERS, required=True),
-        Field(
-            "values",
-            given.unit,
-            "values at these times; constant before and after them",
-            Shape.NUMBERS,
-            required=True,
-        ),
+        Field("values", given.unit, values, Shape.NUMBERS, required=True),
     )
     own = replace(source, name=name, doc=doc)
     return replace(own, fields=fields, adapt=_tabled(own))
@@ -331,12 +326,9 @@ def _winding(i: int, n: int) -> Terminal:
     names = [own]
     for j in (j for j in range(1, n + 1) if j != i):
         names += [coupling_field(i, j), f"inductance{j}", f"through_rate_{WINDINGS[j - 1]}"]
+    induced = Law.taking(tuple(names), _induced)
     return Terminal(
-        _DOMAIN,
-        Kind.THROUGH_STORAGE,
-        WINDINGS[i - 1],
-        storage=argument(own),
-        across=Law.taking(tuple(names), _induced),
+        _DOMAIN, Kind.THROUGH_STORAGE, WINDINGS[i - 1], storage=argument(own), across=induced
     )
 
 
@@ -402,16 +394,8 @@ COUPLED_INDUCTORS = replace(_windings(2), adapt=_as_given)
 COMPONENTS = (
     *(RESISTOR, CAPACITOR, NONLINEAR_CAPACITOR, THREE_TERMINAL_CAPACITOR),
     *(INDUCTOR, NONLINEAR_INDUCTOR, SWITCH),
-    TRANSFORMER,
-    GYRATOR,
-    VCVS,
-    VCCS,
-    CCVS,
-    CCCS,
-    IDEAL_OP_AMP,
-    NULLOR,
-    VOLTAGE_SOURCE,
-    CURRENT_SOURCE,
+    *(TRANSFORMER, GYRATOR, VCVS, VCCS, CCVS, CCCS, IDEAL_OP_AMP, NULLOR),
+    *(VOLTAGE_SOURCE, CURRENT_SOURCE),
     *_waveforms("sine", "sine that begins after a delay", _sine_fields, _sine),
     *_waveforms("pulse", "one trapezoidal pulse, or a train of them", _pulse_fields, _pulse),
     _piecewise(VOLTAGE_SOURCE),

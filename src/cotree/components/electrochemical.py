@@ -129,13 +129,9 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
             Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
         ]
     # The charge storage is an across source whose voltage depends on the integral of its current.
+    voltage, ends = argument("open_circuit_voltage"), (places[-2], "minus")
     store = Terminal(
-        _DOMAIN,
-        Kind.ACROSS_SOURCE,
-        "",
-        across=argument("open_circuit_voltage"),
-        between=(places[-2], "minus"),
-        integral=STATE_OF_CHARGE,
+        _DOMAIN, Kind.ACROSS_SOURCE, across=voltage, between=ends, integral=STATE_OF_CHARGE
     )
     return (*ports, store)
 
@@ -150,13 +146,9 @@ def _measures(pairs: Sequence[int]) -> tuple[PortMeasure, ...]:
 
 
 def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
+    voltage = "open-circuit voltage, a table or an expression of NAME.soc"
     own = [
-        value(
-            "open_circuit_voltage",
-            "V",
-            "open-circuit voltage, a table or an expression of NAME.soc",
-            "",
-        ),
+        value("open_circuit_voltage", "V", voltage, ""),
         value("capacity", "C", "charge between empty and full"),
         value("resistance", "ohm", "series resistance"),
     ]

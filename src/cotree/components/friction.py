@@ -101,12 +101,6 @@ def _curve(edge: str, field: str, given: Given, speed: str) -> dict[str, Any]:
     return {"of": f"abs({speed})", "x": speeds, "y": [row[1] for row in rows]}
 
 
-def _viscous(unit: str) -> Field:
-    return optional(
-        "damping", unit, "coefficient of viscous friction in sliding", None, "nonnegative"
-    )
-
-
 def _stribeck(unit: str) -> Field:
     doc = "Stribeck speed, over which friction falls from its peak; at once if omitted"
     return optional("stribeck_speed", unit, doc, None, "positive")
@@ -116,24 +110,16 @@ def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component
     dry = _DryFriction(
         domain, argument(force), argument("breakaway"), "breakaway", (force,), backward="backward"
     )
+    rest = f"largest {force} at rest; by default `{force}`"
+    backward = f"{force} of dry friction in backward sliding; by default `{force}`"
+    viscous = "coefficient of viscous friction in sliding"
+    slope_unit = f"{force_unit} s/{speed_unit.removesuffix('/s')}"
     fields = (
         value(force, force_unit, f"{force} of dry friction in sliding", "nonnegative"),
-        optional(
-            "breakaway",
-            force_unit,
-            f"largest {force} at rest; by default `{force}`",
-            None,
-            "nonnegative",
-        ),
-        optional(
-            "backward",
-            force_unit,
-            f"{force} of dry friction in backward sliding; by default `{force}`",
-            None,
-            "nonnegative",
-        ),
+        optional("breakaway", force_unit, rest, None, "nonnegative"),
+        optional("backward", force_unit, backward, None, "nonnegative"),
         _stribeck(speed_unit),
-        _viscous(f"{force_unit} s/{speed_unit.removesuffix('/s')}"),
+        optional("damping", slope_unit, viscous, None, "nonnegative"),
     )
     return dry.component(f"{domain}_dry_friction", "dry friction with sticking and sliding", fields)
 
@@ -155,19 +141,14 @@ _BRAKED = replace(
 
 
 def _pressed(speed_unit: str, torque: bool) -> tuple[Field, ...]:
+    normal = "force that presses the faces together; no friction if negative"
     radius = value("radius", "m", "mean radius times the number of friction interfaces")
+    peak = "ratio of static to sliding friction; by default 1"
     return (
-        value(
-            "normal_force",
-            "N",
-            "force that presses the faces together; no friction if negative",
-            "",
-        ),
+        value("normal_force", "N", normal, ""),
         value("friction", "1", "coefficient of sliding friction", "nonnegative"),
         *((radius,) if torque else ()),
-        optional(
-            "peak", "1", "ratio of static to sliding friction; by default 1", None, "positive"
-        ),
+        optional("peak", "1", peak, None, "positive"),
         _stribeck(speed_unit),
     )
 
@@ -183,22 +164,13 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
     rate = v - argument("stiffness") * magnitude(v) * argument("stretch") / level
     bent = argument("stiffness") * argument("stretch") + argument("damping") * rate
     speed_unit, slope_unit = f"{length}/s", f"{force_unit} s/{length}"
-    port = Terminal(
-        domain,
-        Kind.SPRING,
-        through=bent + argument("viscous") * v,
-        is_passive=False,
-        integral=Integral("z", length, rate),
-    )
+    through, bending = bent + argument("viscous") * v, Integral("z", length, rate)
+    port = Terminal(domain, Kind.SPRING, through=through, is_passive=False, integral=bending)
+    falls = "Stribeck speed, over which friction falls from its peak"
     fields = (
         value(force, force_unit, f"{force} of dry friction in steady sliding", "positive"),
         value("breakaway", force_unit, f"largest {force} at rest", "positive"),
-        value(
-            "stribeck_speed",
-            speed_unit,
-            "Stribeck speed, over which friction falls from its peak",
-            "positive",
-        ),
+        value("stribeck_speed", speed_unit, falls, "positive"),
         value("stiffness", f"{force_unit}/{length}", "stiffness of the bristles"),
         optional("damping", slope_unit, "damping of the bristles", 0.0, "nonnegative"),
         optional("viscous", slope_unit, "coefficient of viscous friction", 0.0, "nonnegative"),
@@ -232,22 +204,13 @@ def _gear_with_losses(given: Given) -> Component:
         # The input drives if its torque has the same sign as the speed.
         return (larger if way > 0 else smaller)(drives(way), driven(way))
 
-    friction = Friction(
-        forward=sliding(1),
-        backward=sliding(-1),
-        upper=limit(1),
-        lower=limit(-1),
-        load=passed + argument("through"),
-    )
+    load = passed + argument("through")
+    friction = Friction(sliding(1), sliding(-1), upper=limit(1), lower=limit(-1), load=load)
     ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
     ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)
+    ends = ("input", "ground")
     teeth = Terminal(
-        "rotational",
-        Kind.FRICTION,
-        "teeth",
-        is_passive=False,
-        between=("input", "ground"),
-        friction=friction,
+        "rotational", Kind.FRICTION, "teeth", is_passive=False, between=ends, friction=friction
     )
     return replace(_GEAR, ports=(*ports, teeth))
 

@@ -113,21 +113,14 @@ def _by_expression(spring: Component, m: _Motion) -> Adapt:
 
 
 def _spring(m: _Motion) -> Component:
-    made = scalar(
-        m.name("spring"),
-        "linear spring, or a spring with any characteristic",
-        (
-            replace(_stiffness(m, "nonzero"), required=False),
-            _free(m),
-            optional(
-                m.force,
-                m.force_unit,
-                f"{m.force} of a nonlinear spring, instead of stiffness: an expression",
-                None,
-            ),
-        ),
-        _linear(m),
+    force = f"{m.force} of a nonlinear spring, instead of stiffness: an expression"
+    fields = (
+        replace(_stiffness(m, "nonzero"), required=False),
+        _free(m),
+        optional(m.force, m.force_unit, force, None),
     )
+    doc = "linear spring, or a spring with any characteristic"
+    made = scalar(m.name("spring"), doc, fields, _linear(m))
     return replace(made, adapt=_by_expression(made, m))
 
 
@@ -145,44 +138,29 @@ def _stop_law(
 
 
 def _stop(m: _Motion) -> Component:
-    return scalar(
-        m.name("stop"),
-        "elastic stops at both ends of a free travel",
-        (
-            value("lower", m.length_unit, f"{m.length} below which the lower stop acts", ""),
-            value("upper", m.length_unit, f"{m.length} above which the upper stop acts", ""),
-            value("stiffness", m.stiffness_unit, f"{m.force} per {m.length} in contact"),
-            optional("damping", m.damping_unit, "damping in contact", 0.0, "nonnegative"),
-            optional(
-                "transition",
-                m.length_unit,
-                f"{m.length} over which the stiffness sets in smoothly",
-                1e-6,
-                "positive",
-            ),
-        ),
-        # The force depends on stretch: the port is a spring.
-        Terminal(m.domain, Kind.SPRING, through=Law(_stop_law), is_passive=False),
+    transition = f"{m.length} over which the stiffness sets in smoothly"
+    fields = (
+        value("lower", m.length_unit, f"{m.length} below which the lower stop acts", ""),
+        value("upper", m.length_unit, f"{m.length} above which the upper stop acts", ""),
+        value("stiffness", m.stiffness_unit, f"{m.force} per {m.length} in contact"),
+        optional("damping", m.damping_unit, "damping in contact", 0.0, "nonnegative"),
+        optional("transition", m.length_unit, transition, 1e-6, "positive"),
     )
+    # The force depends on stretch: the port is a spring.
+    port = Terminal(m.domain, Kind.SPRING, through=Law(_stop_law), is_passive=False)
+    return scalar(m.name("stop"), "elastic stops at both ends of a free travel", fields, port)
 
 
 def _backlash(m: _Motion) -> Component:
     """Build a backlash with two elastic limits, one of which a scene may omit."""
+    below = f"{m.length} below which the lower limit is in contact"
+    above = f"{m.length} above which the upper limit is in contact"
+    damping = "damping in contact; the contact never pulls"
     fields = (
-        optional(
-            "lower", m.length_unit, f"{m.length} below which the lower limit is in contact", None
-        ),
-        optional(
-            "upper", m.length_unit, f"{m.length} above which the upper limit is in contact", None
-        ),
+        optional("lower", m.length_unit, below, None),
+        optional("upper", m.length_unit, above, None),
         _stiffness(m),
-        optional(
-            "damping",
-            m.damping_unit,
-            "damping in contact; the contact never pulls",
-            0.0,
-            "nonnegative",
-        ),
+        optional("damping", m.damping_unit, damping, 0.0, "nonnegative"),
     )
 
     def port(has_lower: bool, has_upper: bool) -> Terminal:
@@ -218,25 +196,15 @@ def _friction(m: _Motion) -> Component:
         # The law is smooth, without events: a loaded contact creeps instead of sticking.
         return force * tanh(across / transition) + damping * across
 
-    arguments = ("across", m.force, "damping", "transition")
-    return scalar(
-        m.name("friction"),
-        "smoothed dry friction with viscous friction",
-        (
-            value(m.force, m.force_unit, f"{m.force} of dry friction", "nonnegative"),
-            optional(
-                "damping", m.damping_unit, "coefficient of viscous friction", 0.0, "nonnegative"
-            ),
-            optional(
-                "transition",
-                m.speed_unit,
-                "speed below which dry friction is smoothed",
-                1e-3,
-                "positive",
-            ),
-        ),
-        Terminal(m.domain, Kind.DISSIPATOR, through=Law.taking(arguments, law), is_passive=False),
+    transition = "speed below which dry friction is smoothed"
+    fields = (
+        value(m.force, m.force_unit, f"{m.force} of dry friction", "nonnegative"),
+        optional("damping", m.damping_unit, "coefficient of viscous friction", 0.0, "nonnegative"),
+        optional("transition", m.speed_unit, transition, 1e-3, "positive"),
     )
+    through = Law.taking(("across", m.force, "damping", "transition"), law)
+    port = Terminal(m.domain, Kind.DISSIPATOR, through=through, is_passive=False)
+    return scalar(m.name("friction"), "smoothed dry friction with viscous friction", fields, port)
 
 
 def _force_source(m: _Motion) -> Component:
@@ -248,21 +216,12 @@ def _force_source(m: _Motion) -> Component:
 def _speed_source(m: _Motion, name: str) -> Component:
     field = value(name, m.speed_unit, f"{name} of the second node relative to the first", "")
     made = across_source(m.domain, f"{name}_source", f"prescribed {name}", field)
-    place = Field(
-        "joint",
-        "",
-        "joint of a mechanism to drive, instead of nodes",
-        Shape.EXPRESSION,
-        required=True,
-    )
+    doc = "joint of a mechanism to drive, instead of nodes"
+    place = Field("joint", "", doc, Shape.EXPRESSION, required=True)
+    fields = (place, replace(field, constant=True, timed=True))
     # On a joint, the source is a constraint on the joint velocity, whose multiplier is the effort.
     held = Component(
-        made.name,
-        Role.CONSTRAINT,
-        made.doc,
-        fields=(place, replace(field, constant=True, timed=True)),
-        domains=(),
-        keeps_plane=Plane(),
+        made.name, Role.CONSTRAINT, made.doc, fields=fields, domains=(), keeps_plane=Plane()
     )
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
@@ -367,42 +326,26 @@ PLANETARY_GEAR = replace(
     ports=tuple(replace(port, between=("carrier", port.port)) for port in _SET.ports),
 )
 
+#: Functions that build a component for translation or for rotation.
+_FOR_BOTH = (_spring, _damper, _stop, _backlash, _friction, _force_source)
+
 COMPONENTS = (
     MASS,
-    _spring(_TRANSLATION),
-    _damper(_TRANSLATION),
-    _stop(_TRANSLATION),
-    _backlash(_TRANSLATION),
-    _friction(_TRANSLATION),
-    _force_source(_TRANSLATION),
+    *(make(_TRANSLATION) for make in _FOR_BOTH),
     _speed_source(_TRANSLATION, "velocity"),
     LEVER,
     INERTIA,
-    _spring(_ROTATION),
-    _damper(_ROTATION),
-    _stop(_ROTATION),
-    _backlash(_ROTATION),
-    _friction(_ROTATION),
-    _force_source(_ROTATION),
+    *(make(_ROTATION) for make in _FOR_BOTH),
     _speed_source(_ROTATION, "speed"),
-    SHAFT,
-    IDEAL_GEAR,
-    PLANETARY_GEAR,
-    RACK_AND_PINION,
+    *(SHAFT, IDEAL_GEAR, PLANETARY_GEAR, RACK_AND_PINION),
 )
 
 
 #: Rotational components with their translational counterparts.
+_ALIKE = ("spring", "damper", "stop", "rigid_stop", "friction", "dry_friction", "lugre", "backlash")
 _PAIRS = {
+    **{f"rotational_{name}": f"translational_{name}" for name in _ALIKE},
     "rotational_inertia": "translational_mass",
-    "rotational_spring": "translational_spring",
-    "rotational_damper": "translational_damper",
-    "rotational_stop": "translational_stop",
-    "rotational_rigid_stop": "translational_rigid_stop",
-    "rotational_friction": "translational_friction",
-    "rotational_dry_friction": "translational_dry_friction",
-    "rotational_lugre": "translational_lugre",
-    "rotational_backlash": "translational_backlash",
     "torque_source": "force_source",
     "speed_source": "velocity_source",
     "ideal_gear": "lever",

@@ -253,15 +253,7 @@ KNIFE_EDGE = Component(
     "knife_edge",
     Role.CONSTRAINT,
     "knife edge: zero velocity of the second node across a blade, relative to the first",
-    fields=(
-        Field(
-            "axis",
-            "1",
-            "direction across the blade, in the second node's frame",
-            Shape.VECTOR,
-            required=True,
-        ),
-    ),
+    fields=(_direction("axis", "direction across the blade, in the second node's frame"),),
     keeps_plane=Plane(within=("axis",)),
 )
 
@@ -271,16 +263,8 @@ ROLLING_DISC = Component(
     Role.CONSTRAINT,
     "thin disc at the second node that rolls without slip on a plane through the first",
     fields=(
-        Field(
-            "normal",
-            "1",
-            "normal of the plane, in the first node's frame",
-            Shape.VECTOR,
-            required=True,
-        ),
-        Field(
-            "axis", "1", "axis of the disc, in the second node's frame", Shape.VECTOR, required=True
-        ),
+        _NORMAL,
+        _direction("axis", "axis of the disc, in the second node's frame"),
         Field("radius", "m", "radius of the disc", required=True, sign="positive"),
     ),
     keeps_plane=Plane(along=("axis",), within=("normal",)),
@@ -291,13 +275,7 @@ ROLLING_ELLIPSOID = Component(
     Role.CONSTRAINT,
     "ellipsoid at the second node that rolls without slip on a plane through the first",
     fields=(
-        Field(
-            "normal",
-            "1",
-            "normal of the plane, in the first node's frame",
-            Shape.VECTOR,
-            required=True,
-        ),
+        _NORMAL,
         Field(
             "semiaxes",
             "m",
@@ -310,26 +288,19 @@ ROLLING_ELLIPSOID = Component(
     keeps_plane=Plane(within=("normal",)),
 )
 
+
+def _coordinate(name: str, doc: str) -> Field:
+    return Field(name, "rad or m", doc, Shape.EXPRESSION, required=True)
+
+
 # Gears and expressions couple coordinates directly. They have no edge in any graph and no domains.
 GEAR = Component(
     "gear",
     Role.CONSTRAINT,
     "linear relation of two coordinates: coordinate1 = ratio * coordinate2 + phase",
     fields=(
-        Field(
-            "coordinate1",
-            "rad or m",
-            "driven coordinate, such as j1.theta",
-            Shape.EXPRESSION,
-            required=True,
-        ),
-        Field(
-            "coordinate2",
-            "rad or m",
-            "other coordinate, such as j2.theta",
-            Shape.EXPRESSION,
-            required=True,
-        ),
+        _coordinate("coordinate1", "driven coordinate, such as j1.theta"),
+        _coordinate("coordinate2", "other coordinate, such as j2.theta"),
         Field(
             "ratio",
             "1, m or 1/m",
@@ -455,28 +426,8 @@ BUSHING = Component(
 )
 
 COMPONENTS = (
-    RIGID_BODY,
-    ARM,
-    WELD,
-    REVOLUTE,
-    PRISMATIC,
-    CYLINDRICAL,
-    UNIVERSAL,
-    SPHERICAL,
-    PLANAR,
-    FREE,
-    SCREW,
-    DISTANCE,
-    SLOT,
-    KNIFE_EDGE,
-    ROLLING_DISC,
-    ROLLING_ELLIPSOID,
-    GEAR,
-    CONSTRAINT,
-    SPRING,
-    DAMPER,
-    FORCE,
-    TORQUE,
-    LINE_FORCE,
-    BUSHING,
+    *(RIGID_BODY, ARM, WELD),
+    *(REVOLUTE, PRISMATIC, CYLINDRICAL, UNIVERSAL, SPHERICAL, PLANAR, FREE, SCREW),
+    *(DISTANCE, SLOT, KNIFE_EDGE, ROLLING_DISC, ROLLING_ELLIPSOID, GEAR, CONSTRAINT),
+    *(SPRING, DAMPER, FORCE, TORQUE, LINE_FORCE, BUSHING),
 )

@@ -121,11 +121,8 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
 def _predicate(error: Exception) -> str:
     """Convert an exception to the predicate of a message about a law."""
     message = str(error)
-    return (
-        message.removeprefix("the law ")
-        if message.startswith("the law ")
-        else f"has no value: {message}"
-    )
+    is_predicate = message.startswith("the law ")
+    return message.removeprefix("the law ") if is_predicate else f"has no value: {message}"
 
 
 #: Arguments of laws that are neither port variables nor fields.

@@ -42,13 +42,8 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
     winding = replace(
         resistive, kind=Kind.THROUGH_STORAGE, through=None, storage=argument("inductance")
     )
-    output = Terminal(
-        domain,
-        Kind.THROUGH_SOURCE,
-        port,
-        through=Law(lambda constant, through_electrical: -constant * through_electrical),
-        is_passive=False,
-    )
+    effort = Law(lambda constant, through_electrical: -constant * through_electrical)
+    output = Terminal(domain, Kind.THROUGH_SOURCE, port, through=effort, is_passive=False)
     fields = (
         value("resistance", "ohm", "resistance of the winding"),
         optional("inductance", "H", "inductance of the winding; zero if omitted", None, "positive"),

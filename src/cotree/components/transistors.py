@@ -39,6 +39,8 @@ _DOMAIN = "electrical"
 
 _FORWARD, _REVERSE = depletion_fields("be", 0.75, 0.33), depletion_fields("bc", 0.75, 0.33)
 _SUBSTRATE = depletion_fields("substrate", 0.75, 0.0)
+_TRANSIT = "transit time: base charge per current"
+_IDEALITY = "ideality factor of recombination at the junction"
 
 #: Optional fields, each of which adds a port or a term of a law.
 _EXTRAS = (
@@ -66,19 +68,9 @@ _EXTRAS = (
     ),
     _FORWARD[0],
     _REVERSE[0],
-    optional(
-        "forward_transit_time",
-        "s",
-        "forward transit time: base charge per current",
-        0.0,
-        "nonnegative",
-    ),
-    optional(
-        "reverse_transit_time",
-        "s",
-        "reverse transit time: base charge per current",
-        0.0,
-        "nonnegative",
+    *(
+        optional(f"{way}_transit_time", "s", f"{way} {_TRANSIT}", 0.0, "nonnegative")
+        for way in ("forward", "reverse")
     ),
     _SUBSTRATE[0],
 )
@@ -89,20 +81,8 @@ FIELDS = (
     optional("reverse_gain", "1", "reverse current gain: emitter over base current", 1.0),
     optional("thermal_voltage", "V", "thermal voltage V = k T / e", 0.02585, "positive"),
     *_EXTRAS,
-    optional(
-        "be_recombination_ideality",
-        "1",
-        "ideality factor of recombination at the junction",
-        1.5,
-        "positive",
-    ),
-    optional(
-        "bc_recombination_ideality",
-        "1",
-        "ideality factor of recombination at the junction",
-        2.0,
-        "positive",
-    ),
+    optional("be_recombination_ideality", "1", _IDEALITY, 1.5, "positive"),
+    optional("bc_recombination_ideality", "1", _IDEALITY, 2.0, "positive"),
     *_FORWARD[1:],
     *_REVERSE[1:],
     *_SUBSTRATE[1:],
@@ -245,14 +225,9 @@ class _Laws:
             kind, storage = Kind.ACROSS_STORAGE, self._of_port(capacity, own, other)
             # The sign of pnp transistors cancels: it applies to voltage rates and currents.
             through += cross * argument(f"across_rate_{other}")
+        through = self._of_port(through, own, other)
         return Terminal(
-            _DOMAIN,
-            kind,
-            own,
-            through=self._of_port(through, own, other),
-            storage=storage,
-            is_passive=False,
-            between=between,
+            _DOMAIN, kind, own, through=through, storage=storage, is_passive=False, between=between
         )
 
     def substrate(self, between: tuple[str, str]) -> Terminal:
@@ -323,13 +298,9 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
 
     def port(own: str, other: str, gain: str, between: tuple[str, str]) -> Terminal:
         names = ("across", f"across_{other}", "saturation_current", gain, "thermal_voltage")
+        through = Law.taking(names, law)
         return Terminal(
-            _DOMAIN,
-            Kind.DISSIPATOR,
-            own,
-            through=Law.taking(names, law),
-            is_passive=False,
-            between=between,
+            _DOMAIN, Kind.DISSIPATOR, own, through=through, is_passive=False, between=between
         )
 
     plain = scalar(
