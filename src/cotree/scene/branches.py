@@ -39,11 +39,7 @@ def jumps_in(tree: ast.expr) -> list[ast.expr]:
     return [
         node
         for node in ast.walk(tree)
-        if (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Name)
-            and node.func.id == "sign"
-        )
+        if (isinstance(node, ast.Call) and getattr(node.func, "id", "") == "sign")
         or (isinstance(node, ast.Compare) and len(node.ops) == 1)
     ]
 
@@ -91,7 +87,7 @@ def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) ->
 
     A step stays on the branch on which it begins, and evaluates it slightly beyond the boundary.
     """
-    ends = _vanishing(boundary, parameters)
+    ends = partial(_vanishes_at, boundary, parameters)
 
     def change(node: ast.expr) -> ast.expr | None:
         match node:
@@ -104,18 +100,14 @@ def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) ->
     return map_tree(branch, change)
 
 
-def _vanishing(boundary: ast.expr, parameters: Container[str]) -> Callable[[ast.expr], bool]:
-    """Return a function that checks whether a tree is zero wherever a boundary is zero."""
-
-    def vanishes_there(tree: ast.expr) -> bool:
-        lowered = _lowering(names_in(tree) | names_in(boundary), parameters)
-        try:
-            value = lowered(tree)
-            return agree_at(value, value.dag.zero, lowered(boundary))
-        except (ArithmeticError, ValueError):  # the expression is undefined everywhere
-            return False
-
-    return vanishes_there
+def _vanishes_at(boundary: ast.expr, parameters: Container[str], tree: ast.expr) -> bool:
+    """Return whether a tree is zero wherever a boundary is zero."""
+    lowered = _lowering(names_in(tree) | names_in(boundary), parameters)
+    try:
+        value = lowered(tree)
+        return agree_at(value, value.dag.zero, lowered(boundary))
+    except (ArithmeticError, ValueError):  # the expression is undefined everywhere
+        return False
 
 
 def _is_whole(power: ast.expr) -> bool:
@@ -160,15 +152,11 @@ def check_located(edge: Edge, parameters: Container[str]) -> None:
     names: dict[str, ast.expr] = {name: ast.Name(name) for name in law.arguments}
     # Kinks need no event, since the sensitivities of the states are continuous there.
     tree = to_tree(plain_jumps(law.expression), names)
-    parts = [] if tree is None else jumps_in(tree)
-    # A floor jumps at all integers, so that a test at zero does not prove continuity.
-    is_certain = tree is not None and not any(
-        isinstance(node, ast.Name) and node.id == "floor" for node in ast.walk(tree)
-    )
-    if is_certain and all(
-        has_only_kink(tree, part, parameters) for part in parts if tree is not None
-    ):
-        return
+    if tree is not None:
+        # A floor jumps at all integers, so that a test at zero does not prove continuity.
+        has_floor = any(getattr(node, "id", "") == "floor" for node in ast.walk(tree))
+        if not has_floor and all(has_only_kink(tree, part, parameters) for part in jumps_in(tree)):
+            return
     raise SceneError(
         f"the law of edge '{edge.name}', of type '{edge.component.name}', jumps, which "
         "sensitivities cannot follow: move the jump into a field of the edge, where it "
@@ -217,19 +205,11 @@ def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> E
     ports = []
     for i, port in enumerate(edge.component.ports):
         names = _names(edge, port, i)
-        changed: dict[str, Any] = {
-            name: _branched(
-                law,
-                names,
-                edge,
-                rewrite,
-                fields,
-                set() if name in _OF_RATES else _kinks(law, names, parameters),
-                parameters,
-            )
-            for name in _LAWS
-            if branches(law := getattr(port, name))
-        }
+        changed: dict[str, Any] = {}
+        for name in _LAWS:
+            if branches(law := getattr(port, name)):
+                kept = set() if name in _OF_RATES else _kinks(law, names, parameters)
+                changed[name] = _branched(law, names, edge, rewrite, fields, kept, parameters)
         ports.append(replace(port, **changed))
     if not fields:
         return edge
@@ -335,7 +315,7 @@ def _clipped_law(
         boundary = to_tree(relation.lhs - relation.rhs, names)
         if boundary is None:
             continue
-        ends = _vanishing(boundary, parameters)
+        ends = partial(_vanishes_at, boundary, parameters)
         for power in powers:
             base = to_tree(power.base, names)
             if base is not None and ends(base):

@@ -105,11 +105,6 @@ def may_call_tables(method: _Method) -> _Method:
     return cast("_Method", in_scope)
 
 
-def calls_table(text: str, tables: Mapping[str, Callee]) -> bool:
-    """Return whether a text may call one of the given tables."""
-    return "(" in text and any(name in text for name in tables)
-
-
 def bound(tree: ast.expr, tables: Mapping[str, Callee]) -> ast.expr:
     """Bind the table calls in a newly parsed tree to the given tables."""
     for node in ast.walk(tree):
@@ -128,11 +123,6 @@ def name_of(name: str, table: Callee) -> ast.Name:
 def table_of(called: ast.expr) -> Callee | None:
     """Return the table that a tree calls, or None for a function of the grammar."""
     return getattr(called, "table", None)
-
-
-def has_table(tree: ast.expr) -> bool:
-    """Return whether a tree calls a table anywhere."""
-    return any(isinstance(node, ast.Name) and table_of(node) for node in ast.walk(tree))
 
 
 _DEEPEST = 100  # maximum nesting depth of an expression
@@ -405,7 +395,9 @@ class Expression:
         if self.number is not None:
             return self.number == 0.0
         # The cache key is the text, which does not determine the values of a table.
-        return not ("(" in self.text and has_table(self.tree)) and _vanishes(self)
+        if "(" in self.text and any(hasattr(node, "table") for node in ast.walk(self.tree)):
+            return False
+        return _vanishes(self)
 
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         """Return the expression as a node; raise ExpressionError for constants such as ``1/0``."""
@@ -462,7 +454,7 @@ def _parse_text(text: str, where: str) -> Expression:
         raise ExpressionError(f"{where} is longer than {_LONGEST} characters: split it")
     try:
         tables = known_tables()
-        if tables and calls_table(text, tables):
+        if "(" in text and any(name in text for name in tables):
             tree, names = _checked(bound(read_tree(text), tables))
         else:
             tree, names = _tree_of(text)
@@ -546,11 +538,8 @@ def _lower_condition(
                 is_larger, has_equal = COMPARISONS[type(op)]
                 excess = a - b if is_larger == has_equal else b - a
                 # A selection accepts equality; otherwise the two values are exchanged.
-                accepted = (
-                    dag.select(excess, accepted, refused)
-                    if has_equal
-                    else dag.select(excess, refused, accepted)
-                )
+                pair = (accepted, refused) if has_equal else (refused, accepted)
+                accepted = dag.select(excess, *pair)
             return accepted
         case ast.BoolOp(op=op, values=parts):
             # ``and`` is nested in the first value, ``or`` in the second one.

@@ -64,11 +64,10 @@ def check_initial(
     """Check the initial values of an edge."""
     if not isinstance(given, Mapping):
         raise SceneError(f"initial of edge '{edge}' must be a table of names and values")
-    known = initial_names(component)
     initial: dict[str, FieldValue] = {}
     units = initial_units(component)
     for name, value in _by_port(component, given):
-        check_known((name,), known, f"edge '{edge}' has no coordinate")
+        check_known((name,), units, f"edge '{edge}' has no coordinate")
         where = f"initial {name} of edge '{edge}'"
         value = _in_si(value, units.get(name, ""), where)
         # Orientations are stated as angles or a matrix, and become a quaternion.
@@ -76,13 +75,8 @@ def check_initial(
     return initial
 
 
-def initial_names(component: Component) -> list[str]:
-    """List all variables that may have initial values, whatever the tree of the scene."""
-    return list(initial_units(component))
-
-
 def initial_units(component: Component) -> dict[str, str]:
-    """Return the units of variables for which a scene may give initial values."""
+    """Return the units of variables that may have initial values, whatever the scene's tree."""
     if component.geometry is not None:
         return {}  # the initial values of a body determine its position
     if component.role is Role.NETWORK:

@@ -170,9 +170,8 @@ _GRAPHS = ("translation", "rotation")
 
 @dataclass(frozen=True)
 class Trees:
-    """The trees of the translation graph and of the rotation graph."""
+    """The trees of the translation graph and of the rotation graph, which have the same nodes."""
 
-    #: Trees of the translation and the rotation graph, which have the same nodes.
     translation: Tree
     rotation: Tree
 

@@ -40,7 +40,11 @@ from cotree.scene.expressions import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.scene.description import Edge, SceneDescription
+
+    _Row = tuple[int, ast.expr, ast.expr]
 
 # Largest length of a text that is used as a name; longer ones would be illegible.
 _LONGEST_NAME = 60
@@ -181,15 +185,13 @@ class _Rewriting:
         """Return whether the names include variables other than time and parameters."""
         return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
 
-    def is_located(self, *looked_at: ast.expr) -> bool:
-        """Return whether the values have zeros, and so jumps, at times unknown before a run."""
-        names = frozenset(name for tree in looked_at for name in names_in(tree))
+    def is_located(self, tree: ast.expr) -> bool:
+        """Return whether a value has zeros, and so jumps, at times unknown before a run."""
+        names = names_in(tree)
         if self._moves(names):
             return True
-        # The values depend on parameters only, so that they are constant during a run.
-        if "t" not in names:
-            return False
-        return not all(is_cut(self._lowered(tree)) for tree in looked_at)
+        # Values that depend on parameters only are constant during a run.
+        return "t" in names and not is_cut(self._lowered(tree))
 
     def clipped(self, branch: ast.expr, boundary: ast.expr) -> ast.expr:
         """Clip arguments of roots in a branch to zero beyond the branch's boundary."""
@@ -205,13 +207,7 @@ class _Rewriting:
         names = enumerate(self._old.parameters)
         return {"t": dag.symbol("t", 0), **{name: dag.symbol("p", i) for i, name in names}}
 
-    def mode(
-        self,
-        text: str,
-        call: ast.expr,
-        where: str,
-        rows: tuple[tuple[int, ast.expr, ast.expr], ...],
-    ) -> ast.expr:
+    def mode(self, text: str, call: ast.expr, where: str, rows: Sequence[_Row]) -> ast.expr:
         """Return the tree of the mode that replaces a call with the original text ``text``.
 
         Each row is an event: its direction, its function, and the mode's new value. In these trees,
@@ -272,7 +268,7 @@ class _Tree:
             node = ast.Call(given.func, args, [])
         if id(given) not in self._kept and function == "sign" and self._scene.is_located(args[0]):
             rows = [(side, args[0], number_tree(float(side))) for side in (1, -1)]
-            return self._scene.mode(ast.unparse(node), node, self._where, tuple(rows))
+            return self._scene.mode(ast.unparse(node), node, self._where, rows)
         return node
 
     def _clipped(self, condition: ast.expr, branches: list[ast.expr]) -> list[ast.expr]:

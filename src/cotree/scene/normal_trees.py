@@ -113,9 +113,8 @@ class CoupledTrees:
     ends: Mapping[str, tuple[str, str]]  # the two nodes of each edge, distinct for each graph
     costs: Mapping[str, int]  # cost of each edge that may be a branch
     couples: tuple[_Couple, ...]  # ideal couplings of the graphs
-    swaps: Mapping[
-        str, Swap
-    ]  # the controlled sources that may determine their controlling variable
+    #: Controlled sources that may determine their controlling variable.
+    swaps: Mapping[str, Swap]
 
     @classmethod
     def of(
@@ -318,9 +317,8 @@ class NormalTree:
     #: Tree of across variables, and tree of through variables.
     across: Tree
     through: Tree
-    swaps: tuple[
-        Swap, ...
-    ] = ()  # the controlled sources whose laws determine their controlling variables
+    #: Controlled sources whose laws determine their controlling variables.
+    swaps: tuple[Swap, ...] = ()
 
     @property
     def is_split(self) -> bool:

@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.components import Shape
 from cotree.components.ports import HEAT
@@ -22,6 +22,8 @@ from cotree.scene.edge import Edge, make_edge
 from cotree.scene.expressions import Expression, map_names, parse, shared_tree, table_scope
 from cotree.scene.fields import Input, make_input, parse_signal
 from cotree.scene.parameters import Parameter, make_parameter
+
+_Quantity = TypeVar("_Quantity", Parameter, Input)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -124,6 +126,8 @@ class Renaming:
         """Return the event for the outer scene."""
         own = f"{self.prefix}{event.name}"
         whose, restitution = f"event '{own}'", event.restitution
+        if restitution is not None:
+            restitution = self.expression(restitution, f"restitution of {whose}")
         return replace(
             event,
             name=own,
@@ -132,24 +136,14 @@ class Renaming:
                 self.name(key): self.expression(v, f"'{self.name(key)}' in set of {whose}")
                 for key, v in event.set.items()
             },
-            restitution=restitution
-            if restitution is None
-            else self.expression(restitution, f"restitution of {whose}"),
+            restitution=restitution,
         )
 
-    def parameter(self, row: Parameter) -> Parameter:
-        """Return the parameter for the outer scene."""
+    def quantity(self, row: _Quantity, kind: str) -> _Quantity:
+        """Return a parameter or an input for the outer scene."""
         own = f"{self.prefix}{row.name}"
         if isinstance(row.value, Expression):
-            value = self.expression(row.value, f"parameter '{own}'")
-            return replace(row, name=own, value=value)
-        return replace(row, name=own)
-
-    def input(self, row: Input) -> Input:
-        """Return the input for the outer scene."""
-        own = f"{self.prefix}{row.name}"
-        if isinstance(row.value, Expression):
-            return replace(row, name=own, value=self.expression(row.value, f"input '{own}'"))
+            return replace(row, name=own, value=self.expression(row.value, f"{kind} '{own}'"))
         return replace(row, name=own)
 
 
@@ -198,9 +192,9 @@ class Rows:
         """Add all declarations except tables, which expressions call."""
         scene, prefix = renaming.scene, renaming.prefix
         for name, row in scene.parameters.items():
-            self.parameters[f"{prefix}{name}"] = renaming.parameter(row)
+            self.parameters[f"{prefix}{name}"] = renaming.quantity(row, "parameter")
         for name, signal in scene.inputs.items():
-            self.inputs[f"{prefix}{name}"] = renaming.input(signal)
+            self.inputs[f"{prefix}{name}"] = renaming.quantity(signal, "input")
         for name, mode in scene.modes.items():
             own = f"{prefix}{name}"
             initial = renaming.expression(mode.initial, f"mode '{own}'")

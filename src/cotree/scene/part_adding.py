@@ -259,11 +259,7 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
         if local in part.node_names:
             return f"{{name}} is node '{local}' of {place_of(part.scene, 'node', local)}"
         local = local.rpartition(".")[0]
-    return _unknown_name(name, part)
-
-
-def _unknown_name(name: str, part: Part) -> str:
-    member, _, local = name.partition(".")
+    local = name.partition(".")[2]
     known = {n for _, table in _TABLES for n in getattr(part.scene, table)} | part.node_names
     return f"part '{member}' has no '{local}'{nearest(local, known)}"
 
@@ -442,17 +438,10 @@ def _check_part_name(scene: SceneDescription, name: object) -> None:
 def _check_members(scene: SceneDescription, name: str, members: Mapping[str, Part]) -> None:
     own_edges = takewhile(lambda key: "." not in key, reversed(scene.edges))
     own_nodes = {node for key in own_edges for node in scene.edges[key].nodes}
+    taken = {"edge": scene.edges, "node": own_nodes | scene.connected, "part": scene.members}
     for member in members:
         check_name("part", member)
-        kind = (
-            "edge"
-            if member in scene.edges
-            else "node"
-            if member in own_nodes or member in scene.connected
-            else "part"
-            if member in scene.members
-            else ""
-        )
+        kind = next((kind for kind, names in taken.items() if member in names), "")
         if kind:
             array = "" if member == name else f" of the array '{name}'"
             raise SceneError(

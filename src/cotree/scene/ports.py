@@ -60,11 +60,8 @@ def check_ports(
         sink = _heat_nodes(edge, rest.pop(HEAT))
         own = replace(component, ports=component.ports[:-1])
         found, ports, rest = check_ports(edge, own, nodes, rest)
-        return (
-            tuple(dict.fromkeys((*found, *sink))),
-            (*ports, _ends(component.ports[-1], sink, edge)),
-            rest,
-        )
+        ports = (*ports, _ends(component.ports[-1], sink, edge))
+        return tuple(dict.fromkeys((*found, *sink))), ports, rest
     if component.geometry is not None:
         pair = _pair(edge, nodes, f"edge '{edge}'")
         return (), tuple(PortEnds("", "", pair) for _ in component.ports), rest
@@ -78,7 +75,7 @@ def check_ports(
         if acts_on_multibody(port) and not nodes:
             raise SceneError(f"edge '{edge}' needs two nodes, or joint = \"...\" to act on a joint")
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
-        return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
+        return pair, (_ends(port, pair, f"edge '{edge}'"),), rest
     _refuse_places(edge, component, nodes, rest)
     # In this short form, each node belongs to one port, whose other node is the ground.
     if nodes:
@@ -88,10 +85,9 @@ def check_ports(
                 f"edge '{edge}' of type '{component.name}' has the ports {names}: name the "
                 "two nodes of each port, or as nodes one of each if the other is the ground"
             )
-        rest |= {
-            port.port: _from_ground(port, node)
-            for port, node in zip(component.ports, nodes, strict=True)
-        }
+        for port, node in zip(component.ports, nodes, strict=True):
+            head_first = DOMAINS[port.domain].head_first
+            rest[port.port] = (node, "ground") if head_first else ("ground", node)
     listed: list[str] = []
     placed = []
     for port in component.ports:
@@ -209,11 +205,6 @@ def _by_terminal(
             )
         ports.append(PortEnds(tail, head))
     return tuple(dict.fromkeys(by_name.values())), tuple(ports), rest
-
-
-def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
-    """Return a node and the ground, in the order that the domain prescribes."""
-    return (node, "ground") if DOMAINS[port.domain].head_first else ("ground", node)
 
 
 def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:

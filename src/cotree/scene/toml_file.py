@@ -74,8 +74,8 @@ def advice(message: str, text: str) -> str:
 _OF_EDGES = ("type", "nodes", "initial")
 
 
-def misspelt_key(name: str, edge: Mapping[str, Any]) -> str:
-    """Return ``type``, ``nodes`` or ``initial`` if a key is a misspelling of it, otherwise ""."""
+def _check_keys(name: str, edge: Mapping[str, Any]) -> None:
+    """Raise if a key is a misspelling of ``type``, ``nodes`` or ``initial``."""
     component = COMPONENTS.get(str(edge.get("type")))
     own = {row.name for row in component.fields} if component else set()
     absent = [key for key in _OF_EDGES if key not in edge]
@@ -84,8 +84,9 @@ def misspelt_key(name: str, edge: Mapping[str, Any]) -> str:
             continue
         close = difflib.get_close_matches(str(key)[:80].lower(), absent, n=1, cutoff=0.74)
         if close:
-            return f"edge '{name}' has no field '{brief(key)}'; did you mean '{close[0]}'?"
-    return ""
+            raise SceneError(
+                f"edge '{name}' has no field '{brief(key)}'; did you mean '{close[0]}'?"
+            )
 
 
 if TYPE_CHECKING:
@@ -217,9 +218,7 @@ def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
     if not isinstance(edge, dict):
         raise SceneError(f"edge '{name}' must be a table")
     rest = dict(edge)
-    misspelt = misspelt_key(name, edge)
-    if misspelt:
-        raise SceneError(misspelt)
+    _check_keys(name, edge)
     if "type" not in rest:
         raise SceneError(f"edge '{name}' needs the field 'type'")
     nodes = rest.pop("nodes", [])
@@ -320,7 +319,7 @@ class _Reading:
         except RecursionError:
             raise SceneError(f"{self.where}: nested too deeply") from None
         try:
-            scenes = _Scenes(self, "", _tables(data))
+            scenes = _Scenes(self, "", _table(data, "scenes"))
             made = fill(data, Path(self.where).stem, scene_type, scenes.find, self.points)
         except ModelError as error:
             raise self.located(error, self.where, "") from None
@@ -443,20 +442,13 @@ class _Scenes:
             raise SceneError(f"scene '{brief(name)}' must be a table")
         reading = replace(self.reading, trail=(*self.reading.trail, place))
         try:
-            below = _Scenes(reading, own, _tables(table), replace(self, reading=reading))
+            below = _Scenes(reading, own, _table(table, "scenes"), replace(self, reading=reading))
             made = fill(table, name, SceneDescription, below.find, reading.points)
         except ModelError as error:
             raise self.reading.located(error, f"scene '{brief(name)}'", own) from None
         made.file, made.section = self.reading.file, own
         self.reading.made[place] = made
         return made
-
-
-def _tables(data: Mapping[str, Any]) -> Mapping[str, Any]:
-    found = data.get("scenes", {})
-    if not isinstance(found, dict):
-        raise SceneError("'scenes' must be a table")
-    return found
 
 
 def _listed(folder: str) -> list[str]:

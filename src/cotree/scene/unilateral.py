@@ -169,28 +169,19 @@ def _holder(port: Port, of: str = "") -> str:
 def _stop_modes(port: Port) -> list[_ModeRow]:
     laws, holder = _laws(port), _holder(port)
     assert laws is not None
-    # Between impacts, friction without a normal force is disengaged and its impulse zero.
+    # Stops are open at first, and friction is disengaged, since it has no normal force.
     is_stop = port.kind is Kind.STOP
+    start = "0" if is_stop else "2"
     doc = "of the last impact" if is_stop else "asked for in an impact"
     rows = [
-        (
-            f"mode{laws.suffix}",
-            "which of its laws holds",
-            f"{holder}.mode",
-            "0" if is_stop else "2",
-        ),
+        (f"mode{laws.suffix}", "which of its laws holds", f"{holder}.mode", start),
         (f"impulse{laws.suffix}", doc, f"{holder}.impulse", "0"),
     ]
     friction = port.terminal.friction
     if friction is not None and friction.is_disc:
-        rows.append(
-            (
-                f"direction{laws.suffix}",
-                "component of the direction of sliding, when it was last set",
-                f"{holder}.direction",
-                "0" if friction.leader else "1",
-            )
-        )
+        doc = "component of the direction of sliding, when it was last set"
+        start = "0" if friction.leader else "1"
+        rows.append((f"direction{laws.suffix}", doc, f"{holder}.direction", start))
         if friction.leader:
             rows = rows[1:]  # the mode belongs to the first slip direction
     return rows
@@ -247,20 +238,12 @@ def _pressed_rows(port: Port) -> list[_Row]:
     # The second target identifies the stop that provides the normal force.
     own = {mode: mode, presser: presser}
     sticks = own | {f"{holder}.impulse": f"-{speed}"}
+    upper = f"({stuck} + {struck})*({name}.upper - {force})"
+    lower = f"({stuck} + {struck})*({force} - {name}.lower)"
     return [
         ("stops", f"{direction}*{speed}", ModePart.SLIP, sticks),
-        (
-            "slips forwards",
-            f"({stuck} + {struck})*({name}.upper - {force})",
-            ModePart.FORWARD_LIMIT,
-            own,
-        ),
-        (
-            "slips backwards",
-            f"({stuck} + {struck})*({force} - {name}.lower)",
-            ModePart.BACKWARD_LIMIT,
-            own,
-        ),
+        ("slips forwards", upper, ModePart.FORWARD_LIMIT, own),
+        ("slips backwards", lower, ModePart.BACKWARD_LIMIT, own),
     ]
 
 
@@ -358,20 +341,12 @@ def _disc_rows(port: Port) -> list[_Row]:
         {f"{holder}.impulse": f"-{v}"} for holder, v in zip(disc.holders, disc.slip, strict=True)
     )
     turned = f"({_WIDEST}*{along}**2 - {disc.across_slip}**2 + {_SLOWEST}**2)"
+    turns = f"{slides}*{turned}/({along}**2 + {disc.across_slip}**2 + {_SLOWEST}**2)"
+    slips = f"{stuck}*({limit} - {force}) + {struck}*{limit}"
     return [
         ("stops", f"{slides}*{along}", ModePart.SLIP, own | first),
-        (
-            "slips",
-            f"{stuck}*({limit} - {force}) + {struck}*{limit}",
-            ModePart.FORWARD_LIMIT,
-            own | second,
-        ),
-        (
-            "turns",
-            f"{slides}*{turned}/({along}**2 + {disc.across_slip}**2 + {_SLOWEST}**2)",
-            ModePart.TURN,
-            own | directions,
-        ),
+        ("slips", slips, ModePart.FORWARD_LIMIT, own | second),
+        ("turns", turns, ModePart.TURN, own | directions),
         # This sets the direction before slip ends; afterwards it hardly changes.
         ("slows", f"{slides}*({speed} - {_SLOW})", ModePart.NONE, directions),
         ("has an impulse along slide1", f"{hit}*{f1}", ModePart.FIRST_IMPULSE, own),

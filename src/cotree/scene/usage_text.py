@@ -15,7 +15,7 @@ from cotree.components import COMPONENTS, OWN, Component, Field, Kind, Role, Sha
 from cotree.components.ports import HEAT, loss_of
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, brief
-from cotree.scene.fields import initial_names
+from cotree.scene.fields import initial_units
 from cotree.scene.ports import acts_on_multibody
 
 _WIDEST = 88  # largest number of columns
@@ -90,7 +90,7 @@ def usage_of(name: str) -> Usage:
     nodes, n_needed, has_ports = _nodes(component)
     fields = [_entry(field) for field in component.fields]
     entries = (*_ports(component), *fields, *_heat(component))
-    initial = tuple(initial_names(component))
+    initial = tuple(initial_units(component))
     return Usage(component, nodes, n_needed, has_ports, entries, initial)
 
 
