@@ -77,16 +77,6 @@ def is_condition(tree: ast.expr) -> bool:
     return is_not or isinstance(tree, (ast.Compare, ast.BoolOp))
 
 
-def as_condition(tree: ast.expr) -> ast.expr:
-    """Return a syntax tree that is a condition; raise an error if it is a value."""
-    if not is_condition(tree):
-        raise ExpressionError(
-            f"uses '{brief(ast.unparse(tree))}' as a condition, which is not a comparison: write "
-            "x > 0"
-        )
-    return tree
-
-
 class Rewriter(ast.NodeTransformer):
     """Rewrites a formula's tree; ``functions`` are functions of scenes or keys of :data:`FORMS`."""
 
@@ -106,13 +96,17 @@ class Rewriter(ast.NodeTransformer):
     def value(self, tree: ast.expr) -> ast.expr:
         """Rewrite a value; a condition becomes 1 if it is true, else 0."""
         found: ast.expr = self.visit(tree)
-        if not is_condition(found):
-            return found
-        return fill("where(a, 1, 0)", found)
+        return fill("where(a, 1, 0)", found) if is_condition(found) else found
 
     def condition(self, tree: ast.expr) -> ast.expr:
-        """Rewrite a condition."""
-        return as_condition(self.visit(tree))
+        """Rewrite a condition; raise an error if it is a value."""
+        found: ast.expr = self.visit(tree)
+        if not is_condition(found):
+            raise ExpressionError(
+                f"uses '{brief(ast.unparse(found))}' as a condition, which is not a comparison: "
+                "write x > 0"
+            )
+        return found
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         """Replace a name."""

@@ -309,17 +309,9 @@ class _Reader:
         for a in e.getListOfEventAssignments():
             variable = a.getVariable()
             _define(sets, variable, self._formula(a, f"value of '{brief(variable)}' in {whose}"))
-        self.content.events.append(
-            SbmlEvent(
-                id,
-                trigger,
-                sets,
-                begins,
-                self._priority(e, whose),
-                persists,
-                e.getUseValuesFromTriggerTime(),
-            )
-        )
+        priority, uses_old = self._priority(e, whose), e.getUseValuesFromTriggerTime()
+        event = SbmlEvent(id, trigger, sets, begins, priority, persists, uses_old)
+        self.content.events.append(event)
 
     def _check_delay(self, e: Any, whose: str) -> None:
         delay = e.getDelay()

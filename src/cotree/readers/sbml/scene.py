@@ -298,8 +298,7 @@ class SceneWriter(Generic[_Scene]):
 
     def _stoichiometry(self, given: float | str | Formula) -> float | str:
         if isinstance(given, Formula):
-            text = self._text(given, self.running)
-            return number_or_text(text)
+            return number_or_text(self._text(given, self.running))
         if isinstance(given, float):
             return given
         if given in self.roles.unnamed:

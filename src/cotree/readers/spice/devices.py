@@ -33,11 +33,6 @@ if TYPE_CHECKING:
 _MOST_ARGUMENTS, _MOST_COEFFICIENTS = 20, 80
 
 
-def has_polynomial(line: Line) -> bool:
-    """Return whether the line of a controlled source contains a polynomial."""
-    return len(line.words) > 3 and line.words[3].lower() == "poly"
-
-
 def add_polynomial(place: Instance, line: Line) -> None:
     """Add a polynomial source, whose coefficients become parameters ``NAME_p0``, ``NAME_p1``..."""
     letter, rest = line.key[0], line.words[4:]
@@ -401,17 +396,14 @@ def _initial_value(
 
 def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
     """Return the voltage between two nodes according to ``.ic``, by default zero."""
-    ends = []
-    for word in (plus, minus):
-        own = place.node(word)
-        # Nodes in ``.ic`` belong to the outermost circuit.
-        known = {place.sheet.node("", name): v for name, v in place.sheet.voltages.items()}
-        ends.append(known.get(own, 0.0))
-    if is_zero(ends[1]):
-        return ends[0]
-    if isinstance(ends[0], float) and isinstance(ends[1], float):
-        return ends[0] - ends[1]
-    return f"{text_of(ends[0])} - {text_of(ends[1])}"
+    # Nodes in ``.ic`` belong to the outermost circuit.
+    known = {place.sheet.node("", name): v for name, v in place.sheet.voltages.items()}
+    first, second = (known.get(place.node(word), 0.0) for word in (plus, minus))
+    if is_zero(second):
+        return first
+    if isinstance(first, float) and isinstance(second, float):
+        return first - second
+    return f"{text_of(first)} - {text_of(second)}"
 
 
 def _coupling(place: Instance, line: Line) -> None:
@@ -497,11 +489,12 @@ def _without_signs(line: Line) -> tuple[str, ...]:
 
 
 def _controlled(place: Instance, line: Line) -> None:
-    if "table" in map(str.lower, line.words[3:4]):
+    word = line.words[3].lower() if len(line.words) > 3 else ""
+    if word == "table":
         raise line.at.error(
             f"{line.name} has a TABLE, which is not read: write an expression with VALUE="
         )
-    if has_polynomial(line):
+    if word == "poly":
         add_polynomial(place, line)
     elif line.key[0] in "eg" and has_law(line):
         add_law(place, line)

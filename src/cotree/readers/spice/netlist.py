@@ -222,10 +222,7 @@ class _Parser:
             ".ends": self._finish,
             ".tran": self._transient,
             ".ic": self.netlist.held.append,
-            ".options": self.netlist.options.append,
-            ".option": self.netlist.options.append,
-            ".opt": self.netlist.options.append,
-            ".temp": self.netlist.options.append,
+            **dict.fromkeys((".options", ".option", ".opt", ".temp"), self.netlist.options.append),
         }
 
     def parse(self, text: str) -> Netlist:

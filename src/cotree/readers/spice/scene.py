@@ -163,9 +163,8 @@ class Writer(Sheet[_Scene]):
         if self.uses_initial:
             return
         held = {known[name]: value for name, value in self.voltages.items()}
-        start = "operating point"
         with located(at):
-            self.scene.simulation(start=start, held=held)
+            self.scene.simulation(start="operating point", held=held)
 
     def _circuit(self, circuit: Circuit, place: Instance, depth: int) -> None:
         for line in circuit.elements:

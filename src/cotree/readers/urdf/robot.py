@@ -281,14 +281,13 @@ def read_robot(root: Element) -> Robot:
     """Read a robot from the outermost element of a URDF file."""
     if root.tag != "robot":
         raise root.at.error(f"the outermost element is <{brief(root.tag)}>, not <robot>")
-    known = ("link", "joint")
     for child in root.children:
         if child.tag.startswith("xacro:"):
             raise child.at.error(f"<{brief(child.tag)}> is a macro: run xacro on the file first")
     links = tuple(_link(element) for element in root.all("link"))
     joints = tuple(_joint(element) for element in root.all("joint"))
     # A note lists ignored elements, such as materials, transmissions and plugins.
-    ignored = Counter(child.tag for child in root.children if child.tag not in known)
+    ignored = Counter(child.tag for child in root.children if child.tag not in ("link", "joint"))
     if not links:
         raise root.at.error("the robot has no links")
     return Robot(root.attributes.get("name", "robot"), links, joints, dict(ignored))
@@ -296,13 +295,9 @@ def read_robot(root: Element) -> Robot:
 
 def _link(element: Element) -> RobotLink:
     name = name_of(element, "link")
-    inertial = element.first("inertial")
-    return RobotLink(
-        name,
-        element.at,
-        None if inertial is None else _inertial(inertial, f"link '{brief(name)}'"),
-        tuple(_visuals(element.all("visual"))),
-    )
+    found = element.first("inertial")
+    inertial = None if found is None else _inertial(found, f"link '{brief(name)}'")
+    return RobotLink(name, element.at, inertial, tuple(_visuals(element.all("visual"))))
 
 
 def _inertial(element: Element, what: str) -> Inertial:
@@ -328,10 +323,10 @@ def _joint(element: Element) -> Joint:
     if kind not in JOINT_TYPES:
         hint = nearest(kind, JOINT_TYPES)
         raise element.at.error(f"{what} has the unknown type '{brief(kind)}'{hint}")
-    ends = [
+    parent, child = (
         name_of(child_of(element, end, what), f"{end} of {what}", "link")
         for end in ("parent", "child")
-    ]
+    )
     axis_element, axis = element.first("axis"), (1.0, 0.0, 0.0)
     # The default axis is x. An axis may have any length except zero.
     if JOINT_TYPES[kind] and axis_element is not None:
@@ -339,18 +334,8 @@ def _joint(element: Element) -> Joint:
         if max(map(abs, axis)) < 1e-6:
             raise axis_element.at.error(f"the axis of {what} has no length")
     damping, friction = _dynamics(element, what)
-    return Joint(
-        name,
-        kind,
-        element.at,
-        ends[0],
-        ends[1],
-        pose_of(element, what),
-        axis,
-        damping,
-        friction,
-        _mimic(element, what),
-    )
+    pose, mimic = pose_of(element, what), _mimic(element, what)
+    return Joint(name, kind, element.at, parent, child, pose, axis, damping, friction, mimic)
 
 
 def _dynamics(joint: Element, what: str) -> tuple[float, float]:
