@@ -142,48 +142,33 @@ def _line(motion: Motion, still: Action) -> Action:
         # The rate of e.r is e.r' + e'.r; along the line between nodes, e' is perpendicular to r.
         arguments["rate"] = vector.dot(direction, closing)
         if not is_central:
-            turn = axis_spin(motion, first, ancestor, direction)
+            omega, cluster = motion.omega[first.cluster], first.cluster
+            omega = inwards(motion.clusters, motion.frames, omega, cluster, ancestor)
+            turn = vector.cross(omega, direction)
             arguments["rate"] = arguments["rate"] + vector.dot(turn, reach)
     force = vector.scale(law.value(dag, arguments), direction)
     return replace(still, arguments=arguments, force=force, is_central=is_central)
 
 
-def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) -> Vector:
-    """Return the rate omega x axis of an axis fixed in the first node, in an ancestor's basis."""
-    clusters, frames = motion.clusters, motion.frames
-    omega = inwards(clusters, frames, motion.omega[first.cluster], first.cluster, ancestor)
-    return vector.cross(omega, direction)
-
-
 def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
     """Return the wrenches of an element on its nodes' clusters, except on the ground."""
-    found = []
-    moved = [(action.second, 1, action.arms[1])]
+    found, clusters, frames = [], motion.clusters, motion.frames
     # Force and reaction act at the same point, so the pair has no moment.
     reaction_arm = action.arms[0]
     if not action.is_central:
         # A force along an axis need not pass through the first node; a central force does.
         reaction_arm = vector.add(reaction_arm, action.reach)
-    moved.append((action.first, -1, reaction_arm))
+    moved = ((action.second, 1, action.arms[1]), (action.first, -1, reaction_arm))
     for point, sign, arm in moved:
         # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
         # A cluster's wrenches are summed at its origin: add the moment of the arm.
         torque = vector.add(vector.cross(arm, action.force), action.torque)
-        found.append(
-            (point.cluster, settled(motion, point, action.ancestor, sign, action.force, torque))
-        )
-    return found
-
-
-def settled(
-    motion: Motion, point: Point, ancestor: int, sign: int, force: Vector, torque: Vector
-) -> Wrench:
-    """Transform a wrench from an ancestor's basis to a point's cluster, times ``sign``."""
-    clusters, frames = motion.clusters, motion.frames
-    return Wrench(
         # The wrench is computed once in the ancestor's basis, and transformed for each node.
-        outwards(clusters, frames, vector.signed(sign, force), ancestor, point.cluster),
-        outwards(clusters, frames, vector.signed(sign, torque), ancestor, point.cluster),
-    )
+        force, torque = (
+            outwards(clusters, frames, vector.signed(sign, part), action.ancestor, point.cluster)
+            for part in (action.force, torque)
+        )
+        found.append((point.cluster, Wrench(force, torque)))
+    return found
