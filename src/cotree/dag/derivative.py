@@ -53,10 +53,7 @@ _OF_POSITIVE = frozenset({"sqrt", "log", "pow"})
 
 
 def _is_nonnegative(node: Node, *, is_strict: bool = False) -> bool:
-    """Return whether a value is a sum of squares and nonnegative constants.
-
-    If ``is_strict``, one of the constants must be positive.
-    """
+    """Return whether a value is a sum of squares and constants >= 0, one of them > 0 if strict."""
     if node.value is not None:
         return node.value > 0.0 or (node.value == 0.0 and not is_strict)
     if node.op == "add":

@@ -26,9 +26,8 @@ Form = TypeVar("Form", bound="Callable[..., Any]")
 class Dual(Node):
     """A value and its derivative: nodes, or vectors or matrices of nodes.
 
-    The operators are for scalars; :mod:`cotree.dag.vector` has functions for vectors and matrices.
-    The class is derived from Node, so that Python calls its operators first in expressions of nodes
-    and duals.
+    The operators are for scalars. The class is derived from Node, so that Python calls them first
+    in expressions of nodes and duals.
     """
 
     __slots__ = ("d",)
@@ -137,11 +136,7 @@ def _zeros(value: Any) -> Any:
 
 
 def formed(form: Callable[..., T], a: Any, b: Any) -> T:
-    """Return ``form(a, b)``, cached in the graph of ``a``.
-
-    Sensitivity graphs need the same products of values for every direction. The arguments are
-    hashable.
-    """
+    """Return ``form(a, b)``, cached in the graph of ``a`` since all directions need it."""
     known: dict[Any, T] = _dag_of(a).formed
     key = (form, a, b)
     if key in known:
@@ -215,10 +210,7 @@ def function(name: str, *args: Node) -> Node:
 
 
 def formula(node: Node, arguments: Mapping[Node, Node], seed: Mapping[Node, Node]) -> Node:
-    """Substitute nodes or duals for the arguments of a formula.
-
-    ``seed`` contains the derivatives of symbols that are not substituted.
-    """
+    """Substitute nodes or duals for arguments; ``seed`` has the derivatives of other symbols."""
     along = {**seed, **{symbol: tangent_of(arg) for symbol, arg in arguments.items()}}
     values = {symbol: value_of(arg) for symbol, arg in arguments.items()}
     # Value and derivative are substituted together, since they share most of their nodes.

@@ -73,10 +73,7 @@ class LinearMap:
 
     @cached_property
     def supports(self) -> dict[Node, int]:
-        """Bit mask of the columns in which each node may be nonzero, the first in the lowest bit.
-
-        It is zero for nodes that do not depend on columns.
-        """
+        """Bit mask of the columns in which each node may be nonzero; zero for shared values."""
         own = {
             node: sum(1 << j for j, given in enumerate(self.given) if given >> node.data[1] & 1)
             for node in self.order
@@ -383,10 +380,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
 
 
 def _solve_at_points(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
-    """Extend :func:`_evaluate_solve` to arrays; regular systems are solved together.
-
-    Solutions are nan if an argument is not finite.
-    """
+    """Extend :func:`_evaluate_solve` to arrays; solutions are nan if an argument is not finite."""
     if not any(np.ndim(value) for value in values):
         return _evaluate_solve(data, values)
     n, points = data.size, np.array(np.broadcast_arrays(*values), dtype=float).T

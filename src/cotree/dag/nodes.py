@@ -356,10 +356,7 @@ _by_index = attrgetter("index")
 
 
 def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
-    """Return the roots and all nodes on which they depend, in order of evaluation.
-
-    Nodes in ``stop`` are included, but their arguments are not followed.
-    """
+    """Return the roots and all nodes that they need, in order; follow no arguments of ``stop``."""
     found = set(roots)
     stack = list(found)
     while stack:
@@ -420,11 +417,7 @@ def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
 
 
 def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, int]:
-    """Return the union of each node's bits and the bits of all nodes on which it depends.
-
-    ``order`` has arguments before their users. Integers represent sets, whose union is one
-    operation.
-    """
+    """Return each node's bits and its arguments' bits; arguments come first in ``order``."""
     found = dict(own)
     for node in order:
         bits = found.get(node, 0)

@@ -187,11 +187,7 @@ OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}
 
 
 def folded(name: str, *values: float) -> float:
-    """Evaluate an operation on constants.
-
-    Raise ValueError or OverflowError if the result is not finite, since the user's expression is
-    then invalid.
-    """
+    """Evaluate an operation on constants; raise ValueError or OverflowError if it is not finite."""
     found: float = OPERATIONS[name].real(*values)
     if not math.isfinite(found):
         text = f"{name}({', '.join(f'{value:.10g}' for value in values)}) is {found}"

@@ -149,10 +149,7 @@ def _of_arc(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_angle(node: Node, given: Sequence[Range]) -> Range:
-    """Return the range of atan2 from the corners of its arguments' ranges.
-
-    It is -pi to pi if the jump or the origin may be within.
-    """
+    """Return the range of atan2 from corners: -pi to pi if the jump or the origin may be within."""
     dag, (y, x) = node.dag, given
     corners = _hull([dag.function("atan2", a, b) for a in y for b in x])
     anything = dag.constant(-math.pi), dag.constant(math.pi)

@@ -143,10 +143,7 @@ def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]
 def _pieces(
     dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]], is_moving: bool
 ) -> tuple[_Line, ...]:
-    """Return the lines of a node, or an empty tuple if it is not piecewise linear.
-
-    A node that depends on states may still be a line in one branch of a selection.
-    """
+    """Return a node's lines, of states only in branches of a selection; empty if it has none."""
     zero = dag.zero
     if node.value is not None or (node.op == "symbol" and node.data[0] == "p"):
         return (_Line(node, zero, zero),)

@@ -267,11 +267,7 @@ def of_quaternion(q: Sequence[Node]) -> Matrix:
 
 
 def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
-    """Form the rates of a quaternion from the angular velocity w in the rotated frame.
-
-    The arguments are nodes or numbers.
-    """
-    # q' = q o (0, w) / 2, real part first.
+    """Form q' = q o (0, w) / 2, real part first, from w in the rotated frame: nodes or numbers."""
     q0, q1, q2, q3 = (0.5 * entry for entry in q)
     w1, w2, w3 = w
     return (
@@ -329,10 +325,7 @@ def quaternion_of_angles(angles: Vector) -> tuple[Node, ...]:
 
 
 def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
-    """Return the quaternion of a numeric rotation matrix, or None if it is not a rotation.
-
-    A matrix is a rotation if it equals the matrix of its quaternion (:func:`quaternion_of_nodes`).
-    """
+    """Return the quaternion of a numeric matrix, or None if it does not reproduce the matrix."""
     dag = Dag()
     try:
         x, y, z = ((dag.constant(a), dag.constant(b), dag.constant(c)) for a, b, c in rows)
@@ -349,10 +342,9 @@ def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
 
 
 def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node, ...]:
-    """Form the quaternion of a rotation matrix by Shepperd's method.
+    """Form a rotation matrix's quaternion; ``value`` evaluates nodes for the choice of the pivot.
 
-    ``value`` returns the current value of a node. S. W. Shepperd, J. Guidance and Control 1 (1978)
-    223.
+    S. W. Shepperd, J. Guidance and Control 1 (1978) 223.
     """
     dag = m[0][0].dag
     trace = m[0][0] + m[1][1] + m[2][2]

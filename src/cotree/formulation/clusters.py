@@ -156,11 +156,7 @@ class Clusters:
 
 
 def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
-    """Move an inertia from its centre of mass to a cluster's origin (Steiner).
-
-    ``offset`` is the vector from the origin to the centre of mass, [m]; ``tensor`` is None for a
-    particle.
-    """
+    """Move an inertia by ``offset`` from its centre of mass to a cluster's origin (Steiner)."""
     moment = vector.scale(mass, offset)
     # A particle has no inertia about its own position.
     steiner = _steiner(moment, offset)

@@ -40,10 +40,7 @@ class Constraints:
 
 
 def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
-    """Form the constraints of a scene; also return the rows that no motion can change.
-
-    ``view`` has zero accelerations; ``baumgarte`` is the decay rate of violations, [1/s].
-    """
+    """Form the constraints (``baumgarte`` in 1/s); also return rows that no motion can change."""
     dag, speeds = motion.system.dag, motion.system.speeds
     kept, idle = [], []
     for row in (*constraint_rows(motion), *prescribed_rate_rows(motion)):

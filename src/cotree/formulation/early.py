@@ -72,11 +72,7 @@ def _constants(value: object) -> Iterator[float]:
 
 
 def check_numbers(first: FirstGraph) -> None:
-    """Raise an error if the scene's values make the equations unsolvable in every state.
-
-    Raise ParameterError if they violate a guard, SingularSystemError if the bordered mass matrix is
-    singular in every configuration.
-    """
+    """Raise an error if a guard is violated, or the mass matrix is singular in all states."""
     system = first.system
     names = list(system.tunable)
     for guard in first.guards:

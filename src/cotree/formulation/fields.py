@@ -174,10 +174,7 @@ def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
-    """Return the matrix of rotated axes (columns) from three rows, or from angles, [rad].
-
-    Roll, pitch and yaw are rotations about the fixed x, y and z axes, in this order.
-    """
+    """Return rotated axes (columns) from rows, or from roll, pitch, yaw [rad] about fixed axes."""
     if isinstance(cast("Sequence[Any]", value)[0], Expression):
         angles = lower_vector(value, dag, resolve)
         matrix = vector.identity(dag)

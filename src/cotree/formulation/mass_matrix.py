@@ -342,11 +342,7 @@ def is_deep(motion: Motion) -> bool:
 
 
 class LateMatrix(Sequence[Sequence["Node"]]):
-    """A bordered mass matrix whose first ``n`` rows, above the border, are formed on first use.
-
-    Elimination along the tree takes O(n) operations and no mass matrix, which has n^2 entries for a
-    chain.
-    """
+    """A bordered mass matrix whose first ``n`` rows, with n^2 entries, are formed on first use."""
 
     def __init__(
         self, form: Callable[[], Sequence[Sequence[Node]]], n: int, border: Sequence[Sequence[Node]]

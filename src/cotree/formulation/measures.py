@@ -192,10 +192,7 @@ def pair_pull(
 
 
 def pull_in_place(view: View, ends: Ends, axis: Facing, beyond: Any | None = None) -> Pull:
-    """Return a force along ``axis`` on the second node, and its opposite on the first body.
-
-    Both act at the same point, the second node or a point at the vector ``beyond`` from it.
-    """
+    """Return a force along ``axis`` and its reaction, both at ``beyond`` from the second node."""
     # The arms lead from the origins of both clusters to the second node.
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
     if beyond is not None:

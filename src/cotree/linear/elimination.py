@@ -124,11 +124,7 @@ def _set_entry(
 
 
 class FewestCouplings:
-    """Minimum-degree pivots among the allowed unknowns of a symmetric matrix.
-
-    Among unknowns of equal degree, the last one is chosen: it is outermost in the tree and causes
-    the least fill-in.
-    """
+    """Minimum-degree pivots of a symmetric matrix; among equals, the outermost one in the tree."""
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
         self._left = set(allowed)

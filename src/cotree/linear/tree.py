@@ -64,10 +64,7 @@ def _skew(a: Vector) -> Matrix:
 
 
 def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
-    """Return the inertia of a rigid body about a reference point.
-
-    ``moment`` is the first moment h, [kg m]; ``tensor`` is the second moment J, [kg m^2].
-    """
+    """Return a rigid body's inertia from its first moment, [kg m], and second moment, [kg m^2]."""
     zero = mass.dag.zero
     unit = ((mass, zero, zero), (zero, mass, zero), (zero, zero, mass))
     # F = m a + alpha x h = m a - [h]x alpha, and T = h x a + J alpha with h x a = (-[h]x)^T a.

@@ -456,10 +456,7 @@ def unknown_tangents(first: FirstGraph) -> tuple[Node, ...]:
 def form_equations(
     first: FirstGraph, sensitivities: Sequence[str], *, with_columns: bool = True
 ) -> Equations:
-    """Add sensitivity graphs to the first graph.
-
-    Without ``with_columns`` there is no Jacobian, which suffices to compute the cost of the rates.
-    """
+    """Add sensitivity graphs to the first graph; without ``with_columns``, omit the Jacobian."""
     scene, system = first.scene, first.system
     support = Support()
     parameters = [scene.parameters[name] for name in system.tunable]
@@ -550,11 +547,7 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
 
 
 def _gather_constraints(first: FirstGraph) -> ConstraintSet:
-    """Collect the constraints for projection, start and reports.
-
-    Raise ParameterError if a redundant initial value belongs to a variable that depends on
-    accelerations.
-    """
+    """Collect the constraints for projection, start and reports."""
     rows = first.constraints
     steps = [step for own in first.system.steps.values() for step in own]
     redundant = first.network.redundant if first.network else ()

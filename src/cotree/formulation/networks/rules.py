@@ -64,11 +64,7 @@ class Rule:
     def tangent(
         self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
     ) -> Tangent:
-        """Return the derivatives of the variable along all directions ([1] eq. 4).
-
-        ``d`` contains the derivatives of other variables; ``given`` differentiates states,
-        parameters, inputs and fields.
-        """
+        """Return the derivatives ([1] eq. 4) from the derivatives ``d`` of other variables."""
         total = self.explicit(values, given)
         # If the derivatives of all arguments are zero, no partial derivatives are needed.
         changing = [variable for variable in self.needs if d[variable]]
@@ -203,10 +199,7 @@ class Unknown(Rule):
 
 @lru_cache(maxsize=1024)
 def stored_rate(terminal: Terminal, is_across: bool) -> Law:
-    """Return a storage's terminal equation, solved for the rate of its state.
-
-    It is ``(through - leak) / capacity`` or ``(across - drop) / inertance``.
-    """
+    """Return a state's rate, (through - leak) / capacity or (across - drop) / inertance."""
     assert terminal.storage is not None
     # Both cases have the same form, (through - loss) / capacity, or its dual.
     given, loss = _sides(terminal, is_across)

@@ -318,10 +318,7 @@ def factorise_block(
 
 
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
-    """Return whether symmetric entries of a matrix are the same nodes.
-
-    They have opposite signs if both branches and chords are torn.
-    """
+    """Return whether symmetric entries are equal; signs differ if branches and chords are torn."""
     return all(
         matrix[j].get(i) is entry for i, row in enumerate(matrix) for j, entry in row.items()
     )

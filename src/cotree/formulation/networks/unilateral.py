@@ -26,11 +26,7 @@ if TYPE_CHECKING:
 
 
 def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
-    """Raise FormulationError if inertias do not determine the acceleration of a sticking edge.
-
-    The reason may be an element without inertia, an f-circuit of sources only, or two such edges on
-    one joint, whose forces are not unique while both stick.
-    """
+    """Raise FormulationError unless inertias determine the acceleration of each sticking edge."""
     places: dict[tuple[str, ...], str] = {}
     for name, port in ports.items():
         if not port.kind.may_hold:
