@@ -106,10 +106,6 @@ def _sign(x: float) -> float:
 
 
 # For complex steps only: the real part selects branches, the imaginary part is infinitesimal.
-def _complex_abs(x: complex) -> complex:
-    return x if complex(x).real >= 0.0 else -x
-
-
 def _complex_atan2(y: complex, x: complex) -> complex:
     y0, x0 = complex(y).real, complex(x).real
     # The directions differ infinitesimally: the arctangent remains on its principal branch.
@@ -167,7 +163,7 @@ _ROWS = (
     *(_function(name) for name in ("sinh", "cosh", "tanh", "exp")),
     _function("log", logarithm),
     Operation("erf", 1, math.erf, _complex_erf, _array_erf, "erf({0})"),
-    Operation("abs", 1, abs, _complex_abs, np.abs, "fabs({0})"),
+    Operation("abs", 1, abs, lambda x: x if complex(x).real >= 0.0 else -x, np.abs, "fabs({0})"),
     Operation(
         "sign",
         1,

@@ -217,7 +217,9 @@ def form_first_graph(
     scene = whole.mechanics
     # The joints determine the initial positions of bodies in the tree, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
-    system = bind(scene, trees, dag, starts, names=_network_names(whole))
+    edges = [edge for edge in whole.edges.values() if edge.component.role is Role.NETWORK]
+    others = frozenset(name for edge in edges for name in (edge.name, *edge.nodes))
+    system = bind(scene, trees, dag, starts, names=others)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, own_axes))
     # f-circuits (Eq. (2)) are formed twice: with zero accelerations for the right-hand side, and
@@ -304,11 +306,6 @@ def form_first_graph(
         has_far_inertia=bool(attached.slopes),
         events=bind_events(whole, system, states),
     )
-
-
-def _network_names(scene: SceneDescription) -> frozenset[str]:
-    edges = [e for e in scene.edges.values() if e.component.role is Role.NETWORK]
-    return frozenset(name for edge in edges for name in (edge.name, *edge.nodes))
 
 
 def _measured(

@@ -349,17 +349,15 @@ def factorise_bordered(
         inner = factorise(dag, matrix, is_safe, sizes)
     if not holding:
         return inner
-    inverses = inner.inverses() if isinstance(inner, TreeFactors) else _inverses(matrix, n)
+    if isinstance(inner, TreeFactors):
+        inverses = inner.inverses()
+    else:
+        inverses = {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
     held = [
         sum((size * inverses[k] for k, size in _entries(own.sizes) if k in inverses), dag.zero)
         for own in holding
     ]
     return hold(dag, inner, matrix[n_inner:], [own.column for own in holding], n_inner, held)
-
-
-def _inverses(matrix: Sequence[Sequence[Node]], n: int) -> dict[int, Node]:
-    """Return the reciprocals of the nonzeros among the first n diagonal entries."""
-    return {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
 
 
 def factorise_tree(
