@@ -191,15 +191,14 @@ class _Rewriting:
         if self._moves(names):
             return True
         # Values that depend on parameters only are constant during a run.
-        return "t" in names and not is_cut(self._lowered(tree))
+        if "t" not in names:
+            return False
+        symbols = self._symbols
+        return not is_cut(Expression.of_tree(tree).lower(symbols["t"].dag, symbols.__getitem__))
 
     def clipped(self, branch: ast.expr, boundary: ast.expr) -> ast.expr:
         """Clip arguments of roots in a branch to zero beyond the branch's boundary."""
         return clipped(branch, boundary, self._old.parameters)
-
-    def _lowered(self, tree: ast.expr) -> Any:
-        symbols = self._symbols
-        return Expression.of_tree(tree).lower(symbols["t"].dag, symbols.__getitem__)
 
     @cached_property
     def _symbols(self) -> dict[str, Any]:

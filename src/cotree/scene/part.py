@@ -354,10 +354,8 @@ class Part:
             yield self.name, {}
             return
         for place in product(*(range(1, n + 1) for n in self.counts)):
-            yield (
-                f"{self.name}{'_'.join(map(str, place))}",
-                dict(zip(self.index, place, strict=True)),
-            )
+            name = f"{self.name}{'_'.join(map(str, place))}"
+            yield name, dict(zip(self.index, place, strict=True))
 
     def nodes_of(self, member: str) -> Mapping[str, str]:
         """Return for each connected node of one part the node of the outer scene."""

@@ -178,16 +178,9 @@ _KEY = r'(?:[A-Za-z0-9_-]+|"[^"]*")'
 _HEADING = re.compile(rf"\s*\[\[?\s*({_KEY}(?:\s*\.\s*{_KEY})*)\s*\]")
 _ENTRY = re.compile(r"\s*\"?([A-Za-z_][A-Za-z0-9_-]*)\"?\s*[=.]")
 _STEP = re.compile(_KEY)
-_KINDS = {
-    "edges": "edge",
-    "parameters": "parameter",
-    "inputs": "input",
-    "outputs": "output",
-    "modes": "mode",
-    "events": "event",
-    "parts": "part",
-    "tables": "table",
-}
+#: Kinds of declarations in parts, and all kinds of statements by the name of their table.
+_DECLARED = ("edge", "parameter", "input", "output", "mode", "event")
+_KINDS = {f"{kind}s": kind for kind in (*_DECLARED, "part", "table")}
 
 
 def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
@@ -212,10 +205,6 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
 
 _NAMED = re.compile(r"'([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)'")
 _MOST = 3  # maximum number of names in a message whose statements are located
-_TABLES = (
-    *(("edge", "edges"), ("parameter", "parameters"), ("input", "inputs")),
-    *(("output", "outputs"), ("mode", "modes"), ("event", "events")),
-)
 
 
 def origin_note(
@@ -253,14 +242,14 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
         return _statement_of(local, part.scene.members, part.scene)
     # For a variable, use the statement of its edge. Names of edges and variables may contain dots.
     while local:
-        for kind, table in _TABLES:
-            if local in getattr(part.scene, table):
+        for kind in _DECLARED:
+            if local in getattr(part.scene, f"{kind}s"):
                 return f"{{name}} is {kind} '{local}' of {place_of(part.scene, kind, local)}"
         if local in part.node_names:
             return f"{{name}} is node '{local}' of {place_of(part.scene, 'node', local)}"
         local = local.rpartition(".")[0]
     local = name.partition(".")[2]
-    known = {n for _, table in _TABLES for n in getattr(part.scene, table)} | part.node_names
+    known = {n for kind in _DECLARED for n in getattr(part.scene, f"{kind}s")} | part.node_names
     return f"part '{member}' has no '{local}'{nearest(local, known)}"
 
 

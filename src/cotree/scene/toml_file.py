@@ -98,19 +98,8 @@ if TYPE_CHECKING:
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 _SECTIONS = (
-    *(
-        "name",
-        "gravity",
-        "tables",
-        "parameters",
-        "inputs",
-        "modes",
-        "parts",
-        "edges",
-        "outputs",
-        "events",
-    ),
-    *("simulation", "allow", "ports", "scenes", "origin"),
+    *("name", "gravity", "tables", "parameters", "inputs", "modes", "parts", "edges"),
+    *("outputs", "events", "simulation", "allow", "ports", "scenes", "origin"),
 )
 
 

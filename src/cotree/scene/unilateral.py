@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from cotree.components.terminal import Friction, Stop
     from cotree.scene.description import SceneDescription
 
-
-if TYPE_CHECKING:
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 #: Row of a mode: field, description, name and initial value.

@@ -214,25 +214,25 @@ def _value(value: object) -> str:
     return repr(value)
 
 
-#: Descriptions of the kinds of values.
+#: Kinds of values: their description, and their type in the stub.
 _TAKES = {
-    "value": "float, str or table",
-    "constant": "float or str",
-    "vector": "three of float or str",
-    "expression": "str",
-    "names": "list of str",
-    "numbers": "list of float",
-    "rotation": "three angles, or a matrix",
-    "inertia": "float, str, three of them, or a matrix",
-    "nodes": "pair of str",
-    "name": "str",
-    "node or nodes": "str or pair of str",
+    "value": ("float, str or table", "_Value"),
+    "constant": ("float or str", "_Value"),
+    "vector": ("three of float or str", "_Vector"),
+    "expression": ("str", "_Scalar"),
+    "names": ("list of str", "Sequence[str]"),
+    "numbers": ("list of float", "Sequence[float] | npt.NDArray[Any]"),
+    "rotation": ("three angles, or a matrix", "_Rotation"),
+    "inertia": ("float, str, three of them, or a matrix", "_Inertia"),
+    "nodes": ("pair of str", "_Nodes"),
+    "name": ("str", "str"),
+    "node or nodes": ("str or pair of str", "str | _Nodes"),
 }
 
 
 def takes_of(entry: Entry) -> str:
     """Return a description of the values that an entry accepts."""
-    return _TAKES[entry.takes]
+    return _TAKES[entry.takes][0]
 
 
 def default_of(entry: Entry) -> str:
@@ -330,20 +330,6 @@ def _example(usage: Usage) -> list[str]:
     return ["", "Examples", "--------", "::", "", *call.splitlines()]
 
 
-_TYPES = {
-    "value": "_Value",
-    "constant": "_Value",
-    "vector": "_Vector",
-    "expression": "_Scalar",
-    "names": "Sequence[str]",
-    "numbers": "Sequence[float] | npt.NDArray[Any]",
-    "rotation": "_Rotation",
-    "inertia": "_Inertia",
-    "nodes": "_Nodes",
-    "name": "str",
-    "node or nodes": "str | _Nodes",
-}
-
 _HEAD = '''\
 """A method of scenes for each component that cotree comes with.
 
@@ -404,7 +390,7 @@ def _method(name: str) -> str:
 
 
 def _keyword(entry: Entry) -> str:
-    kind = _TYPES[entry.takes]
+    kind = _TAKES[entry.takes][1]
     if entry.required:
         return f"{entry.name}: {kind}"
     if entry.default is None:
