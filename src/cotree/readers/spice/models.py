@@ -106,16 +106,8 @@ _JUNCTION_GATE = {
 _ALIASES = {
     "d": {"cj0": "cjo", "cj": "cjo"},
     "q": {
-        "va": "vaf",
-        "vb": "var",
-        "ik": "ikf",
-        "pe": "vje",
-        "me": "mje",
-        "pc": "vjc",
-        "mc": "mjc",
-        "ccs": "cjs",
-        "ps": "vjs",
-        "ms": "mjs",
+        **{"va": "vaf", "vb": "var", "ik": "ikf", "ccs": "cjs"},
+        **{"pe": "vje", "me": "mje", "pc": "vjc", "mc": "mjc", "ps": "vjs", "ms": "mjs"},
     },
     "m": {"vt0": "vto"},
     "j": {"vt0": "vto", "m": "mj"},
