@@ -2,9 +2,9 @@
 
 C takes these steps (:mod:`cotree.model.start_in_c`); each preserves the results of earlier ones:
 
-1. Take the initial values of the scene or its operating point; values of the run replace them. 2.
-Satisfy the constraints of mechanisms (``templates/runtime/start``). 3. Find the algebraic unknowns,
-and storage contents from the variables that determine them; then
+1. Take the initial values of the scene or its operating point; values of the run replace them.
+2. Satisfy the constraints of mechanisms (``templates/runtime/start``).
+3. Find the algebraic unknowns, and storage contents from the variables that determine them; then
    the modes of jumps inside expressions, and the unknowns again.
 4. Check redundant initial values of network variables, which must agree with the values that follow
    from the states. If not, the error lists all contradictions.
