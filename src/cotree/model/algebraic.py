@@ -164,5 +164,4 @@ def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Arr
     full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     n = len(full) - cut
     # A - B D^-1 C with the last diagonal block D
-    found: Array = full[:cut, :-n] - full[:cut, -n:] @ solve(full[cut:, :-n])
-    return found
+    return np.asarray(full[:cut, :-n] - full[:cut, -n:] @ solve(full[cut:, :-n]))

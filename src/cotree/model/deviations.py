@@ -165,8 +165,7 @@ def _sized(rows: Array) -> Array:
     """Scale rows to unit length, and drop rows that contain only rounding errors."""
     lengths = np.linalg.norm(rows, axis=1)
     kept = lengths > RANK * np.max(lengths, initial=0.0)
-    found: Array = rows[kept] / lengths[kept, None]
-    return found
+    return np.asarray(rows[kept] / lengths[kept, None])
 
 
 def _deviations(point: Slopes, names: Sequence[str]) -> tuple[Array, Array, Array, list[str]]:
@@ -236,8 +235,7 @@ def _matrix(q: Array) -> Array:
     # Euler-Rodrigues formula
     a, v = q[0], q[1:]
     across = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-    found: Array = (a * a - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * a * across
-    return found
+    return np.asarray((a * a - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * a * across)
 
 
 def core(system: Reduced) -> npt.NDArray[np.int_]:

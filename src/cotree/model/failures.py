@@ -53,20 +53,15 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
 
 def _place(program: Program, wrong: Node) -> str:
     """Return the innermost field of an operation or an argument, the last (a divisor) first."""
+    origins = dict(program.dag.origins)  # copied, since other threads may add nodes
     found: list[tuple[int, str]] = []
-    for node, name in list(
-        program.dag.origins.items()
-    ):  # copied, since other threads may add nodes
+    for node, name in origins.items():
         inside = reachable([node])
         if wrong in inside:
             found.append((len(inside), name))
-    name = min(found)[1] if found else _origin_of_arguments(program, wrong)
+    of_arguments = (origins[arg] for arg in reversed(wrong.args) if arg in origins)
+    name = min(found)[1] if found else next(of_arguments, "")
     return f"{name}: " if name else ""
-
-
-def _origin_of_arguments(program: Program, wrong: Node) -> str:
-    origins = program.dag.origins
-    return next((origins[arg] for arg in reversed(wrong.args) if arg in origins), "")
 
 
 def _operation(node: Node, values: Mapping[Node, Any]) -> str:

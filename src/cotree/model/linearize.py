@@ -92,8 +92,7 @@ def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
     # Schur complement A - B X with X = D^-1 C, hence X' = D^-1 (C' - D' X).
     x = np.linalg.solve(moved[cut:, -n:], moved[cut:, :-n])
     dx = np.linalg.solve(moved[cut:, -n:], change[cut:, :-n] - change[cut:, -n:] @ x)
-    found: Array = change[:cut, :-n] - change[:cut, -n:] @ x - moved[:cut, -n:] @ dx
-    return found
+    return np.asarray(change[:cut, :-n] - change[:cut, -n:] @ x - moved[:cut, -n:] @ dx)
 
 
 #: Relative change of the fastest state before a motion is linearised again for comparison.
@@ -302,6 +301,13 @@ class Linearizer:
         equations, n = self._equations, self._n_differential
         basis = np.zeros((n, found.basis.shape[1] if reduced else len(self._kept)))
         basis[self._kept] = found.basis if reduced else np.eye(len(self._kept))
+        slopes = {}
+        for name, direction in (directions or {}).items():
+            change = self._changed(at, y, direction)
+            matrices = change.A, change.B, change.C
+            if reduced:
+                matrices = reduce_along(point, change, found, self.states)
+            slopes[name] = LinearSlopes(*matrices, change.D)
         return Linearization(
             A=found.A if reduced else point.A,
             B=found.B if reduced else point.B,
@@ -313,25 +319,8 @@ class Linearizer:
             basis=basis,
             is_steady=is_still(found, point) and self._stays(at, y, point, found),
             modes={equations.states[i].name: float(y[i]) for i in self.modes},
-            slopes={
-                name: self._slopes_along(at, y, direction, point, found if reduced else None)
-                for name, direction in (directions or {}).items()
-            },
+            slopes=slopes,
         )
-
-    def _slopes_along(
-        self,
-        at: EvaluationPoint,
-        y: Array,
-        direction: Direction,
-        point: Slopes,
-        found: Reduced | None,
-    ) -> LinearSlopes:
-        """Differentiate the full or reduced matrices along a direction."""
-        change = self._changed(at, y, direction)
-        if found is None:
-            return LinearSlopes(change.A, change.B, change.C, change.D)
-        return LinearSlopes(*reduce_along(point, change, found, self.states), change.D)
 
     def _stays(self, at: EvaluationPoint, y: Array, point: Slopes, here: Reduced) -> bool:
         """Return whether the linear system is constant along the motion and in time."""
@@ -364,8 +353,7 @@ class Linearizer:
             rates = evaluate(self._others[: len(self._equations.states)], values)
             slopes.append(np.array([float(np.real(rates[i])) for i in kept]))
         a, b, c, d = slopes
-        moved: Array = y[kept] + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-        return moved
+        return np.asarray(y[kept] + step / 6.0 * (a + 2.0 * b + 2.0 * c + d))
 
     def _check_finite(self, numbers: Array) -> None:
         wrong = np.flatnonzero(~np.isfinite(numbers))

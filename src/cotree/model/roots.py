@@ -119,8 +119,7 @@ class Equation:
     def square(self, z: Array) -> Array:
         """Return the derivatives with respect to the unknowns as a full matrix."""
         slope = self.by_unknowns(z)
-        found: Array = slope if isinstance(slope, np.ndarray) else slope.toarray()
-        return found
+        return slope if isinstance(slope, np.ndarray) else np.asarray(slope.toarray())
 
 
 class Root(NamedTuple):

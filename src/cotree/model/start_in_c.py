@@ -32,7 +32,7 @@ from cotree.quiet import level_of_user
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -90,11 +90,9 @@ class StartInC:
             # At an operating point, storage contents follow from the voltages.
             self.tables.given[content] &= not model.begins_at_rest
         self.address = int(self._ffi.cast("uintptr_t", self.tables))
-        self.function = int(self._ffi.cast("uintptr_t", self._function(library)))
-
-    def _function(self, library: LoadedLibrary) -> Any:
+        function = self._ffi.addressof(library.lib, "cotree_start_once")
         kind = "int (*)(cotree_start_call *)"
-        return library.ffi.cast(kind, library.ffi.addressof(library.lib, "cotree_start_once"))
+        self.function = int(self._ffi.cast("uintptr_t", self._ffi.cast(kind, function)))
 
     def find(
         self, at: EvaluationPoint, initial: Mapping[str, float], given: Array | None = None
@@ -187,8 +185,7 @@ class StartCall(CObjects):
         places = np.array([model.states.index(name) for name in initial], dtype=np.intc)
         self.places = places
         c.set = self.pointer(places, "int")
-        shape = 1 + m, len(model.layout.redundant)
-        self._contradictions = np.zeros(shape, dtype=np.intc)
+        self._contradictions = np.zeros((1 + m, len(model.layout.redundant)), dtype=np.intc)
         c.contradictions = self.pointer(self._contradictions, "int")
         c.values = self.pointer(np.array([float(value) for value in initial.values()]))
         if given is not None:
@@ -377,8 +374,8 @@ class Report:
     def note(self, *, is_warning: bool) -> str:
         """Return a sentence on initial values that change with parameters, or an empty one."""
         following: dict[str, list[str]] = {}
-        for value, name in self._following():
-            following.setdefault(value, []).append(name)
+        for j, i in np.argwhere(self._follows).tolist():
+            following.setdefault(self._values[i], []).append(self._model.sensitivities[j])
         if not following:
             return ""
         shown = listed(
@@ -391,10 +388,6 @@ class Report:
         if is_warning:
             warnings.warn(message, RuntimeWarning, stacklevel=level_of_user())
         return f"{message[0].upper()}{message[1:]}."
-
-    def _following(self) -> Iterator[tuple[str, str]]:
-        for j, i in np.argwhere(self._follows).tolist():
-            yield self._values[i], self._model.sensitivities[j]
 
     def refuse(self, y: Array, *, is_of_derivatives: bool) -> NoReturn:
         """Raise the exception for a start near y that does not exist or is not differentiable."""
