@@ -404,8 +404,7 @@ class _Ways:
         alone = self._map(self._results(self._states), range(n), self.common.sources, given)
         if alone is None:
             return [at_once]
-        products = self._products(columns, alone.rows, changes)
-        in_turn = [along_states, alone, products]
+        in_turn = [along_states, alone, self._products(columns, alone.rows, changes)]
         return min([at_once], in_turn, key=self._cost)
 
     def _products(
@@ -467,11 +466,9 @@ class _Ways:
 
     def _cost(self, maps: Sequence[_Map]) -> int:
         """Estimate the cost of maps, including the values that are computed before them."""
-        return self._before(maps) + sum(cost_of_map(one.linear) for one in maps)
-
-    def _before(self, maps: Sequence[_Map]) -> int:
         nodes = reachable([*self.rates, *(node for one in maps for node in one.known)])
-        return count_operations(node for node in nodes if node.op != "map").total
+        before = count_operations(node for node in nodes if node.op != "map").total
+        return before + sum(cost_of_map(one.linear) for one in maps)
 
     def are_worth(self, maps: Sequence[_Map], rows: Sequence[Derivative]) -> bool:
         """Return whether maps cost clearly less than statements for each direction in ``rows``."""
@@ -532,8 +529,7 @@ def form_curvature(program: Program) -> Curvature | None:
     dag, kernel = program.dag, program.kernels["sensitivity_rhs"]
     n = len(program.layout.states)
     direction = [dag.symbol(DIRECTION, i) for i in range(n)]
-    seed = {dag.symbol(STATE, i): direction[i] for i in range(n)}
-    found = tangents(kernel.results, seed)
+    found = tangents(kernel.results, {dag.symbol(STATE, i): direction[i] for i in range(n)})
     # Most of these derivatives are zero and are omitted from the results.
     places = tuple(i for i, node in enumerate(found) if not node.is_zero)
     if not places:

@@ -39,7 +39,7 @@ from cotree.dag.nodes import (
     substitute,
     symbols_in,
 )
-from cotree.dag.switching_times import TimeEvent, acts_in_part, find_longest_steps, find_time_events
+from cotree.dag.switching_times import acts_in_part, find_longest_steps, find_time_events
 from cotree.dag.time_events import time_events_along
 from cotree.equations import Equations, Quantity, spread
 from cotree.errors import ParameterError
@@ -425,6 +425,8 @@ def lower(equations: Equations) -> Program:
     }
     names = [row.name for row in equations.parameters]
     watched = results["events"][: len(equations.events)]
+    stops = _of_time(equations, [*rates, *watched], find_time_events)
+    seeds = [row.seed for row in equations.sensitivities]
     layout = replace(
         _layout(equations, starts, rows),
         sensitivity_starts=tuple(accumulate(map(len, reached), initial=0)),
@@ -438,7 +440,7 @@ def lower(equations: Equations) -> Program:
         layout,
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
-        _timed(equations, _of_time(equations, [*rates, *watched], find_time_events)),
+        {name: time_events_along(own, seeds) for name, own in stops.items()},
         # Long steps could also miss zeros of event functions that depend on a sine of time.
         _of_time(equations, [*rates, *watched], find_longest_steps)
         if acts_in_part(rates) or watched
@@ -462,13 +464,6 @@ def _of_time(
     for quantity, value in zip(equations.inputs, equations.input_values, strict=True):
         found[quantity.name] = find(equations.dag, [value])
     return {name: own for name, own in found.items() if own}
-
-
-def _timed(
-    equations: Equations, stops: Mapping[str, tuple[TimeEvent, ...]]
-) -> dict[str, tuple[TimeEvent, ...]]:
-    seeds = [row.seed for row in equations.sensitivities]
-    return {name: time_events_along(own, seeds) for name, own in stops.items()}
 
 
 def _check_sensitivities(equations: Equations) -> None:

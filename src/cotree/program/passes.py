@@ -33,6 +33,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import partial
 from heapq import heapify, heappop, heappush
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from cotree.dag.multi_output import SEVERAL, sines
@@ -260,7 +261,8 @@ def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
     heapify(heap)
     while len(heap) > 1:
         # The two operands keep the order of their terms.
-        (_, i, a, is_added), (_, j, b, other) = sorted((heappop(heap), heappop(heap)), key=_place)
+        operands = sorted((heappop(heap), heappop(heap)), key=itemgetter(1))
+        (_, i, a, is_added), (_, j, b, other) = operands
         if is_added == other:
             total = a + b
         elif is_added:
@@ -271,10 +273,6 @@ def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
         heappush(heap, (clock(total), min(i, j), total, is_added))
     _, _, total, is_added = heap[0]
     return total if is_added else -total
-
-
-def _place(item: tuple[float, int, Node, bool]) -> int:
-    return item[1]
 
 
 #: Minimum number of operations in kernels that are reordered, the look-ahead of a processor.

@@ -307,8 +307,7 @@ class _Kinks:
         """Return the sides of a branching value that its users, up to the roots, permit."""
         condition, *branches = _branches(node)
         ways = ways_to_zero(condition)
-        found = [self._end_above(node, value, ways) for value in branches]
-        return _sides_of(found)
+        return _sides_of([self._end_above(node, value, ways) for value in branches])
 
     def _end_above(self, node: Node, value: Node, ways: _Ways) -> int:
         """Return how a branch ends in its users; see :data:`_NOWHERE`."""
@@ -355,8 +354,7 @@ def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
     if not agree_at(above, below, condition):
         return None
     ways = ways_to_zero(condition)
-    found = [_end_within(reachable([value]), ways) for value in branches]
-    return _sides_of(found)
+    return _sides_of([_end_within(reachable([value]), ways) for value in branches])
 
 
 def _sides_of(ends: Sequence[int]) -> _Sides:

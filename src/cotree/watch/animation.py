@@ -71,7 +71,8 @@ def page(drawing: Drawing) -> str:
     """Return the HTML page; equal drawings have equal pages."""
     from markupsafe import Markup
 
-    style, script = (_text(f"viewer.{suffix}") for suffix in ("css", "js"))
+    folder = template_folder() / "html"
+    style, script = ((folder / f"viewer.{s}").read_text(encoding="utf-8") for s in ("css", "js"))
     policy = f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}"
     context = PageContext(
         title=drawing.title,
@@ -189,12 +190,9 @@ def _quaternions(axes: Array) -> Array:
     for i in range(4):
         products[:, i, i] = squares[:, i]
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        own = r[:, k, j] - r[:, j, k]
-        products[:, 0, i + 1] = products[:, i + 1, 0] = own
-        shared = r[:, i, j] + r[:, j, i]
-        products[:, i + 1, j + 1] = products[:, j + 1, i + 1] = shared
-    largest = np.argmax(squares, axis=1)
-    found: Array = products[np.arange(len(r)), largest]
+        products[:, 0, i + 1] = products[:, i + 1, 0] = r[:, k, j] - r[:, j, k]
+        products[:, i + 1, j + 1] = products[:, j + 1, i + 1] = r[:, i, j] + r[:, j, i]
+    found: Array = products[np.arange(len(r)), np.argmax(squares, axis=1)]
     found /= np.linalg.norm(found, axis=1, keepdims=True)
     # q and -q are the same rotation; continuous signs allow interpolation by the viewer.
     turns = np.sign(np.einsum("ti,ti->t", found[1:], found[:-1]))
@@ -225,10 +223,6 @@ def _base64(values: npt.NDArray[Any]) -> str:
 def _hash(text: str) -> str:
     digest = hashlib.sha256(text.encode("utf-8")).digest()
     return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
-
-
-def _text(name: str) -> str:
-    return (template_folder() / "html" / name).read_text(encoding="utf-8")
 
 
 _SUFFIXES = (".gif", ".html")

@@ -134,8 +134,7 @@ def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
     """Return a contact's second body: shape, in node axes, and size; None if it is a point."""
     if "size" in edge.vectors:
         lengths = draft.values.numbers(edge.vectors["size"])
-        mesh = shapes.box(*np.maximum(lengths, 0.75 * draft.w))
-        return mesh, float(np.max(lengths))
+        return shapes.box(*np.maximum(lengths, 0.75 * draft.w)), float(np.max(lengths))
     if "semiaxes" in edge.vectors:
         semiaxes = draft.values.numbers(edge.vectors["semiaxes"])
         return shapes.sphere(1.0).scaled(semiaxes), float(np.max(semiaxes))
