@@ -373,8 +373,7 @@ class _BlockCutter:
             function, called = function_of(self._names.format(number), body, arguments)
             functions.append(function)
             calls.append(Call(called))
-        leaving = crossing.written(len(blocks))
-        return Blocks(functions, [*frames, *shared, *calls, *leaving])
+        return Blocks(functions, [*frames, *shared, *calls, *crossing.written(len(blocks))])
 
     def _body(self, items: Sequence[_Item], rows: Sequence[Statement]) -> list[Statement]:
         """Return the statements of one block after the declarations of its arrays and tables."""

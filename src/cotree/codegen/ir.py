@@ -177,8 +177,7 @@ def number(value: float) -> CExpression:
 
 def tolerance(value: float) -> CExpression:
     """Build a tolerance for doubles, which is scaled to the precision of the target's type."""
-    text = repr(float(value))
-    form = _form("tolerance", text)
+    form = _form("tolerance", repr(float(value)))
     return CExpression(form, (), form.width)
 
 

@@ -166,8 +166,7 @@ def optimise(
             f"the run fails at the start: {failures[0]}; give another guess, narrower bounds, or "
             "more starts"
         )
-    order = sorted(range(len(searches)), key=lambda i: searches[i].rank)
-    best = order[0]
+    best = min(range(len(searches)), key=lambda i: searches[i].rank)
     return _design(evaluation, searches, best, ends[best], len(failures), max_iterations)
 
 

@@ -110,8 +110,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def _read_csv(path: Path, where: str) -> tuple[dict[str, Column], list[str]]:
-    text = read_text(path, _LARGEST)
-    found = read_rows(text, where)
+    found = read_rows(read_text(path, _LARGEST), where)
     if not found:
         raise ParameterError(f"{where} is empty: it needs a line of names, and lines of numbers")
     (_, head), *lines = found

@@ -257,8 +257,7 @@ class Outputs:
         key = (row.observable, row.observable_parameters, row.noise_parameters)
         if key not in self._found:
             observable = self._tables.observables[row.observable]
-            overrides = self._overrides(row, observable)
-            self._found[key] = self._pair(row, observable, overrides)
+            self._found[key] = self._pair(row, observable, self._overrides(row, observable))
         return self._found[key]
 
     def _pair(
