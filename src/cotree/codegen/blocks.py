@@ -1,9 +1,7 @@
 """Division of long kernels into blocks, and a bound of the stack size of a function.
 
-In: the statements of one C function. Out: several functions with their own temporaries, the blocks,
-and a short function that calls them. Compile time and register allocation depend on the longest
-function. Blocks end at statements where few values cross; these values are passed in arrays of the
-calling function. Values and their order of evaluation do not change.
+Compile time and register allocation depend on the longest function. Blocks, functions with their
+own temporaries, end at statements where few values cross; arrays of the caller pass these values.
 """
 
 from __future__ import annotations

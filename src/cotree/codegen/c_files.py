@@ -43,11 +43,7 @@ if TYPE_CHECKING:
 
 @without_collection()
 def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, str]:
-    """Return the C files of a model: text by file name.
-
-    These are ``<model>.h``, ``<model>.c``, the headers that these include and, if C processes
-    several numbers at a time, ``<model>_vectors.h``.
-    """
+    """Return C texts by file name: model, its headers and, for vectors, ``<model>_vectors.h``."""
     vectors, target = {}, model.target
     if model.uses_vectors:
         vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", target, model=model)

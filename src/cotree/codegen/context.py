@@ -158,11 +158,7 @@ def kernel_context(
     called: Mapping[str, int],
     target: Target = DOUBLE,
 ) -> KernelContext:
-    """Build the template data of one kernel of a program.
-
-    See :func:`cotree.codegen.node_statements.print_nodes` for ``names``; ``called`` has the stack
-    sizes of functions that the kernel may call, [byte].
-    """
+    """Build the template data of a kernel; ``called`` has stack sizes of its callees, [byte]."""
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:

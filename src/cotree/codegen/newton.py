@@ -1,10 +1,8 @@
 """C text of linear systems and second derivatives of a model, for implicit methods.
 
-In: a program after its passes. Out: ``<model>_newton.c`` with the factorisation of ``shift M - J``,
-as straight-line code or, if that is long, as tables for loops; and the kernels of second
-derivatives. Factors are stored row by row in pivot order, and within a row in column order, so that
-the update of a row by another one consists of a few runs of consecutive entries, which C can
-vectorise.
+The factorisation of ``shift M - J`` is straight-line code or, if that is long, tables for loops.
+Factors are stored row by row in pivot order, and within a row in column order, so that the update
+of a row by another one consists of a few runs of consecutive entries, which C can vectorise.
 """
 
 from __future__ import annotations

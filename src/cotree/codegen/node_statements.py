@@ -1,8 +1,4 @@
-"""Conversion of nodes to statements, and storage of the inputs and results of maps.
-
-Values that are used once are inlined; all others become temporaries in the order of evaluation.
-Comments name the groups of statements.
-"""
+"""Conversion of nodes to statements, and storage of the inputs and results of maps."""
 
 from __future__ import annotations
 

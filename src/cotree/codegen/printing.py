@@ -1,8 +1,4 @@
-"""Conversion of statements to C text for a target.
-
-Only this module writes statements as C. Differences between targets (types of numbers, qualifiers,
-names of functions) are in :mod:`cotree.codegen.targets`.
-"""
+"""Conversion of statements to C text for a target; only this module writes statements as C."""
 
 from __future__ import annotations
 

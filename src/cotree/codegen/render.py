@@ -1,9 +1,7 @@
-"""Rendering of templates, and access to the C files in ``templates/runtime``.
+"""Rendering of templates, and access to the modules of C files in ``templates/runtime``.
 
-The runtime is the same for every model. In: names of headers, or C text that includes them. Out:
-the text of these headers and their sources. The folders of the runtime contain modules. A module
-consists of a public header, an internal header if its sources share declarations, and the sources
-that include one of these first.
+A module consists of a public header, an internal header if its sources share declarations, and the
+sources that include one of these first.
 """
 
 from __future__ import annotations
@@ -130,11 +128,7 @@ def with_runtime(
     features: Features = ALL,
     has_sources: bool = True,
 ) -> dict[str, str]:
-    """Add ``cotree_abi.h`` and the runtime modules that texts include directly or indirectly.
-
-    ``features`` are the parts of the runtime and of ``files`` that are compiled. Sources are added
-    only if ``has_sources``.
-    """
+    """Add ``cotree_abi.h`` and the modules that texts include; ``features`` select their parts."""
     found = {name: resolve(text, features.macros()) for name, text in files.items()}
     waiting = [name for text in found.values() for name in includes(text)]
     while waiting:
@@ -169,10 +163,7 @@ def _abi(target: Target) -> str:
 
 
 def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL) -> dict[str, str]:
-    """Return the sources of a module by name.
-
-    Sources that share an internal header become one file, whose private functions are static.
-    """
+    """Return a module's sources by name; sources that share an internal header become one."""
     names = _sources(header)
     internal = header.replace(".h", _INTERNAL)
     if internal not in _paths():

@@ -1,9 +1,7 @@
 """Combination of the files of a project into one header and one source.
 
-In: text by file name. Out: the text of ``<prefix>.h`` and ``<prefix>.c``. Names of the runtime also
-begin with the prefix, so that a program can contain several models. Each former source becomes a
-part of the new one. Its macros are undefined at its end. If another part contains a private name of
-the part, this name begins with the name of the part.
+Names of the runtime also begin with the prefix, so that a program can contain several models. If
+two parts, the former sources, contain a private name of one, it begins with the name of that part.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Tables for the search for consistent initial states (``start/cotree_start.h``).
-
-In: the layout of a program. Out: ``StartTables``, which templates print as C text, and from which
-Python fills C structures.
-"""
+"""Tables for the search for consistent initial states (``start/cotree_start.h``)."""
 
 from __future__ import annotations
 

@@ -114,11 +114,7 @@ class Point(NamedTuple):
 
 
 class Evaluation:
-    """Evaluates the objective and the constraints of a design by simulation.
-
-    ``names`` maps each quantity in the goals to an output or event of ``model``. ``over`` contains
-    the design variables, in the order of the model's sensitivities, and ``runs`` the scenarios.
-    """
+    """Evaluates the goals of a design; ``over`` has its variables in the order of sensitivities."""
 
     def __init__(
         self,

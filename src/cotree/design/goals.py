@@ -249,11 +249,7 @@ def scene_of(source: Any) -> SceneDescription:
 def variant_of(
     source: Any, scene: SceneDescription, quantities: Sequence[Quantity], over: Sequence[str]
 ) -> tuple[Model, dict[Quantity, str]]:
-    """Compile a scene with an output for each quantity; return the model and the output names.
-
-    A compiled model keeps its tree and compiler options. Sensitivities are with respect to the
-    design variables: parameters, and initial values under the names of their states.
-    """
+    """Compile a scene with an output for each quantity; return the model and the output names."""
     changed = scene.copied()
     taken = {*scene.edges, *scene.outputs, *scene.parameters, *scene.inputs, *scene.modes}
     prefix = "goal"

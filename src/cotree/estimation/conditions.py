@@ -1,9 +1,4 @@
-"""Conditions of an estimation problem, and measured values.
-
-A condition is a run of a compiled model in which estimated parameters replace some parameters and
-initial values. Measured values are compared with states or outputs of the model. A standard
-deviation may also be a state or output. Their derivatives are the compiled sensitivities.
-"""
+"""Conditions of an estimation problem, which are runs of models, and measured values."""
 
 from __future__ import annotations
 

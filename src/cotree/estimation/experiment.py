@@ -1,8 +1,4 @@
-"""Experiments: measured data and the conditions under which they were recorded.
-
-Error messages name the file, row and column. Column names may include units, as in ``angle [deg]``.
-Missing values are nan.
-"""
+"""Experiments: measured data and the conditions under which they were recorded."""
 
 from __future__ import annotations
 

@@ -127,11 +127,7 @@ def of_widths(found: Uncertainty) -> tuple[str, ...]:
 def of_agreement(
     problem: Problem, found: Predictions, freedom: int, search: Search | None = None
 ) -> tuple[str, ...]:
-    """Report residuals that are inconsistent with the known noise, by a chi-squared test.
-
-    Fits with robust losses are exempt: such losses are for data with outliers, and the standard
-    errors already account for large residuals.
-    """
+    """Report residuals that contradict the known noise; robust losses allow for outliers."""
     is_given = not any(isinstance(v, str) for v in problem.measured.noise)
     is_robust = search is not None and search.loss != "linear"
     if is_robust or not is_given or not problem.likelihood.is_normal.all() or freedom < 1:

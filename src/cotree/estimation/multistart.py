@@ -276,10 +276,7 @@ def minimise_from_starts(
 
 
 class Start:
-    """One start, which runs the optimiser and stores the best point.
-
-    ``scaled`` contains the varied parameters; ``ask`` returns the predictions for their values.
-    """
+    """Runs the optimiser from one start; ``ask`` predicts for values of the varied parameters."""
 
     def __init__(
         self,

@@ -26,10 +26,7 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
 
 
 def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
-    """Describe the operation that makes kernel results nan or infinite, or return an empty string.
-
-    ``known`` maps kinds of symbols, including ``p``, to values; ``t`` is a sequence.
-    """
+    """Describe the operation that makes results nan or infinite, or return an empty string."""
     order = reachable(program.kernels[kernel].results)
     given = {
         node: float(known[ARGUMENT_OF[node.data[0]]][node.data[1]])

@@ -177,11 +177,7 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
 
 
 def least_step(rows: Array, target: Array, whole: Array) -> Array:
-    """Return the minimum-norm least-squares solution of rows @ step = target.
-
-    ``rows`` are columns of the gradient ``whole``, which may have redundant rows. Singular values
-    below the rounding error of ``whole`` count as zero.
-    """
+    """Solve rows @ x = target with minimum norm; rounding errors of ``whole`` count as zero."""
     if not rows.size:
         return np.zeros((rows.shape[1], *target.shape[1:]))
     left, sizes, right = np.linalg.svd(rows, full_matrices=False)

@@ -218,11 +218,7 @@ class Linearizer:
         )
 
     def by_parameters(self, at: EvaluationPoint, y: Array, direction: Direction) -> Array:
-        """Differentiate the equations along a direction of states, inputs and parameters.
-
-        The array contains the derivatives of rates and algebraic residuals, outputs, constraints,
-        and constraint rates, in this order.
-        """
+        """Differentiate rates, residuals, outputs, constraints and their rates, in this order."""
         values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
         return self._first.along(values, direction)
 

@@ -1,8 +1,4 @@
-"""Loading of models from C text: libraries, operating points, and pickles for other processes.
-
-A pickle contains program, C text and options. The receiver compiles the text, or finds the library
-in its cache, without formulating the equations again.
-"""
+"""Loading of models from C text: libraries, operating points, and pickles for other processes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The compiled model: right-hand side, Jacobian, sensitivities and outputs as NumPy arrays.
-
-Solvers call kernels without checks or copies; the methods for users check their arguments and take
-full sensitivity arrays.
-"""
+"""The compiled model: right-hand side, Jacobian, sensitivities and outputs as NumPy arrays."""
 
 from __future__ import annotations
 

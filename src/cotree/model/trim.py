@@ -399,11 +399,7 @@ def find_trim(
 
 
 def _is_met(search: _Search, z: Array) -> bool:
-    """Return whether all residuals are rounding errors although convergence was slow.
-
-    At a double root, steps only halve and the slopes vanish; therefore slopes at the guess count,
-    too.
-    """
+    """Return whether residuals are rounding errors; at double roots, slopes at the guess count."""
     left = np.abs(search.value(z))
     # Guess slopes are multiplied by the guess: unknowns that diverge would hide residuals.
     terms = [np.abs(search.slope(x)) @ np.maximum(np.abs(x), 1.0) for x in (z, search.guess)]

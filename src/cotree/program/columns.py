@@ -76,11 +76,7 @@ def cost_of_map(linear: LinearMap) -> int:
 
 
 def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
-    """Put columns with similar zeros into one block, and omit zero columns.
-
-    Columns of different blocks are exchanged in pairs until no exchange reduces the number of
-    computed values. Also return the original index of each column.
-    """
+    """Put columns with similar zeros into blocks; also return the original index of each column."""
     # bit mask of the nonzero statements in each column
     nonzero = [0] * linear.n_columns
     for k, node in enumerate(linear.statements):
@@ -155,10 +151,7 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
 
 
 class _Parting:
-    """Splits values that are linear in changes of states and of parameters into these two parts.
-
-    The sources in nested sums are added first, so that each sum has a single source.
-    """
+    """Splits values into parts linear in state changes and in sources; sums add sources first."""
 
     def __init__(
         self, dag: Dag, roots: Sequence[Node], states: Sequence[Node], changes: Sequence[Node]

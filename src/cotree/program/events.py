@@ -205,10 +205,7 @@ class Impact:
 def form_impact(
     equations: Equations, solved: SolvedSystem, event: EventRow, values: Sequence[Node]
 ) -> Impact:
-    """Form the impact of an event from the output values, which do not contain unknowns.
-
-    Raise SceneError if the expression depends on more than positions, or its rate on no speed.
-    """
+    """Form an impact; raise SceneError unless it depends on positions and its rate on speeds."""
     assert event.restitution is not None
     restitution, place, name = values[event.restitution], event.watched, event.name
     dag, n, first = equations.dag, equations.n_speeds, equations.n_coordinates
@@ -270,11 +267,7 @@ def event_kernels(
     along: Sequence[Along],
     motion: Along,
 ) -> tuple[dict[str, list[Node]], EventRanges]:
-    """Form the results of the event kernels, and their ranges; all are empty without events.
-
-    ``values`` are outputs, then the expressions of events, without unknowns; ``along`` has their
-    derivatives along each parameter, and ``motion`` along the motion.
-    """
+    """Form the event kernels and their ranges; ``values`` are outputs, then events."""
     if not (equations.events or equations.kinks):
         return {name: [] for name in _NAMES}, EventRanges((), (), ())
     dag, rows = equations.dag, equations.events

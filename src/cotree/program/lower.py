@@ -378,11 +378,7 @@ _Found = TypeVar("_Found")
 
 
 def lower(equations: Equations) -> Program:
-    """Build a program from governing and sensitivity equations.
-
-    The matrix is factorised once, and all derivatives use the same factors. Raise ParameterError if
-    a sensitivity to an algebraic unknown is requested.
-    """
+    """Build a program from equations; raise ParameterError for sensitivities to unknowns."""
     # The pattern is determined first, so that values of zero sensitivities fold away.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
@@ -482,11 +478,7 @@ def _check_sensitivities(equations: Equations) -> None:
 def _differentiate(
     equations: Equations, solved: SolvedSystem, *, is_mapped: bool, with_columns: bool
 ) -> tuple[list[Along], list[Along], Along]:
-    """Differentiate along each sensitivity, along each state, and along the motion.
-
-    Rates and columns that a map computes are not differentiated. Without events and algebraic
-    unknowns there is no derivative along the motion.
-    """
+    """Differentiate along sensitivities, states and the motion, unless a map has the results."""
     nothing = Along((), {}, {})
     wanted = [row for row in equations.sensitivities if row.outputs or not is_mapped]
     motion = [] if equations.motion is None else [equations.motion]

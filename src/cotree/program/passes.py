@@ -89,11 +89,7 @@ def for_each_kernel(change: Callable[[Kernel], Kernel], program: Program) -> Pro
 def rewrite(
     kernel: Kernel, chosen: Container[Node], form: Callable[[Node, Mapping[Node, Node]], Node]
 ) -> Kernel:
-    """Replace ``chosen`` values of a kernel, and rebuild all values that depend on them.
-
-    ``form`` returns the new value from the old one and the replacements so far. New values keep the
-    labels of the values that they replace.
-    """
+    """Replace ``chosen`` values by ``form(value, replacements)``; keep labels; rebuild users."""
     new: dict[Node, Node] = {}
     for node in kernel.order:
         if node in chosen:

@@ -1,9 +1,7 @@
 """Equations solved for their unknowns, and their derivatives along any direction.
 
-In: ``A w = b`` and functions of the unknowns w. Out: these functions without unknowns, and their
-derivatives. Along a direction, ``A w' = b'`` is solved with the same factors of A; the sensitivity
-graphs yield b' = db - dA w. This module forms all derivatives of the solved system: Jacobian
-columns, sensitivities, derivatives of events along the motion, linearisation.
+Along a direction, ``A w' = b'`` is solved with the same factors of A as ``A w = b``; the
+sensitivity graphs yield b' = db - dA w.
 """
 
 from __future__ import annotations

@@ -444,10 +444,7 @@ _Key = tuple[tuple[int, float], ...]
 
 
 class _Keys:
-    """Keys of conditions, equal if these differ only in sign, a factor, or the order of terms.
-
-    Derivatives of a law may contain its conditions in other forms.
-    """
+    """Keys of conditions: equal up to sign, factor and order of terms, which derivatives change."""
 
     def __init__(self) -> None:
         self._terms: dict[Node, dict[Node, float]] = {}

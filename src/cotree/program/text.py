@@ -1,8 +1,4 @@
-"""The C text of a program, and the properties of the program that kernel calls need.
-
-A text from the cache or from another process contains the program as bytes, since graphs are large
-and runs evaluate only compiled kernels.
-"""
+"""The C text of a program; texts from caches and other processes have the program as bytes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Errors of runs relative to a reference solution on which two methods agree.
-
-A ``Reference`` contains the solutions of two methods and their difference, the smallest measurable
-error.
-"""
+"""Errors of runs relative to a reference solution on which two methods agree."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Benchmark of methods on one scene: time and error of every method at every tolerance.
-
-The result is a :class:`BenchReport`, which also recommends methods.
-"""
+"""Benchmark of methods on one scene: time and error of every method at every tolerance."""
 
 from __future__ import annotations
 

@@ -91,12 +91,7 @@ class Drawing:
     thickness: float  # thickness of bars, [m]
 
     def floor(self) -> Array:
-        """Return the lines of a fixed reference grid, shape (n_lines, 2, 3), [m].
-
-        In space, the grid is below the mechanism; if the camera follows the mechanism, dashes along
-        its path replace the grid. In a plane, there is a grid only if the camera follows the
-        mechanism.
-        """
+        """Return the lines of a fixed grid, (n_lines, 2, 3), or dashes along a camera's path."""
         axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
         # ``own`` is the largest extent at any time, ``path`` the path of the centre.
