@@ -246,7 +246,7 @@ def test_one_thread_makes_and_the_others_wait():
 
     owner = Owner()
     assert len(set(in_threads(lambda i: owner.value))) == 1
-    assert Owner.value.__doc__ == "Give something new."
+    assert Owner.value.__doc__ == "Return a new object."
 
 
 def test_an_engine_is_built_once(monkeypatch):
