@@ -90,6 +90,8 @@ def test_arrays_have_the_values_of_their_entries(dag, x, y):
     logarithm = Function("logarithm", 1, lambda a: [math.log(a[0])])
     (found,) = evaluate(call(dag, logarithm, [y]), at, "array")
     np.testing.assert_allclose(found, [*np.log([2.0, 1.5]), math.nan, *np.log([4.0, 0.1])])
+    nowhere = evaluate([*looked_up, *solved, *call(dag, logarithm, [y])], {x: [], y: []}, "array")
+    assert [len(value) for value in nowhere] == [0] * 7
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def test_initial_values_that_contradict_each_other_are_refused_with_the_remedy(d
 def test_a_run_may_not_give_what_follows_along_a_circuit():
     model = oscillator("translational").compile()
     assert model.simulate((0, 0.1), initial={"m.s": 0.5})["k.s"][0] == 0.5
-    with pytest.raises(cotree.ParameterError, match=r"'k.s' follows .* of m.s"):
+    with pytest.raises(cotree.ParameterError, match=r"position 'k.s': give .* of m.s"):
         model.start(initial={"k.s": 0.5})
 
 

@@ -498,7 +498,7 @@ def _pointwise(
                 rows.append(function(data, point))
             except (ArithmeticError, ValueError):
                 rows.append([math.nan] * n_results(data))
-        return list(np.array(rows).T)
+        return list(np.reshape(rows, (-1, n_results(data))).T)  # also without points
 
     return Several(evaluate, n_results)
 
