@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import PARAMETER, dependent, reachable, substitute, symbols_in
+from cotree.dag.nodes import PARAMETER, dependent, reachable, substitute, symbols_in, ways_to_zero
 from cotree.dag.switching_times import find_time_events, time_events_within
 
 if TYPE_CHECKING:
@@ -233,22 +233,6 @@ def _folds(difference: Node, boundary: Node) -> bool:
         return any(substitute([difference], way)[0].is_zero for way in ways_to_zero(boundary))
     except (ArithmeticError, ValueError):  # undefined at the boundary
         return False
-
-
-def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
-    """Return different substitutions, each of which makes a value zero."""
-    dag = value.dag
-    ways: list[dict[Node, Node]] = [{value: dag.zero}]
-    while value.op == "neg" or (value.op == "mul" and value.args[0].value is not None):
-        value = value.args[-1]
-        ways.append({value: dag.zero})
-    if value.op in ("add", "sub"):
-        a, b = value.args
-        for one, other in ((a, b), (b, a)):
-            # A term may be replaced by the other one unless it occurs in the other one.
-            if one.value is None and one not in reachable([other]):
-                ways.append({value: dag.zero, one: -other if value.op == "add" else other})
-    return ways
 
 
 class _Boundary:

@@ -17,9 +17,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from types import MappingProxyType
 
-from cotree.dag.continuity import ways_to_zero
 from cotree.dag.multi_output import SEVERAL, Function, LinearMap, call, results, sizes_of, solve
-from cotree.dag.nodes import CHANGE, Dag, Node, reachable, substitute, symbols_in
+from cotree.dag.nodes import CHANGE, Dag, Node, reachable, substitute, symbols_in, ways_to_zero
 from cotree.dag.operations import OPERATIONS
 
 _BRANCHING = frozenset({"select", "abs", "sign"})

@@ -394,6 +394,22 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
     return [new.get(root, root) for root in roots]
 
 
+def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
+    """Return different substitutions, each of which makes a value zero."""
+    dag = value.dag
+    ways: list[dict[Node, Node]] = [{value: dag.zero}]
+    while value.op == "neg" or (value.op == "mul" and value.args[0].value is not None):
+        value = value.args[-1]
+        ways.append({value: dag.zero})
+    if value.op in ("add", "sub"):
+        a, b = value.args
+        for one, other in ((a, b), (b, a)):
+            # A term may be replaced by the other one unless it occurs in the other one.
+            if one.value is None and one not in reachable([other]):
+                ways.append({value: dag.zero, one: -other if value.op == "add" else other})
+    return ways
+
+
 def formed_in(dag: Dag, root: Node, replacement: Mapping[Node, Node]) -> Node:
     """Return a node of another graph in ``dag``, with its symbols replaced."""
     new = dict(replacement)

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.dag.continuity import ways_to_zero
 from cotree.dag.derivative import SINGULAR, is_singular, tangent
-from cotree.dag.nodes import substitute
+from cotree.dag.nodes import substitute, ways_to_zero
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -26,7 +26,7 @@ from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from cotree.dag.continuity import agree_at, ways_to_zero
+from cotree.dag.continuity import agree_at
 from cotree.dag.derivative import SINGULAR, Clips, Tangents
 from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable, Table
 from cotree.dag.multi_output import SEVERAL
@@ -40,6 +40,7 @@ from cotree.dag.nodes import (
     reachable,
     substitute,
     symbols_in,
+    ways_to_zero,
 )
 from cotree.dag.switching_times import time_events_within
 from cotree.equations import KinkRow
