@@ -14,6 +14,7 @@ node reads one of the results.
 from __future__ import annotations
 
 import bisect
+import contextlib
 import math
 from collections import Counter
 from dataclasses import dataclass, field
@@ -37,7 +38,7 @@ from cotree.dag.nodes import (
 from cotree.dag.operations import OPERATIONS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Sequence
+    from collections.abc import Callable, Container, Iterable, Sequence
 
     from cotree.dag.lookup import Table
 
@@ -379,23 +380,18 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]
 
 
-def _solve_at_points(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
-    """Extend :func:`_evaluate_solve` to arrays; solutions are nan if an argument is not finite."""
-    if not any(np.ndim(value) for value in values):
-        return _evaluate_solve(data, values)
-    n, points = data.size, np.array(np.broadcast_arrays(*values), dtype=float).T
+def _solve_regular(data: SolveShape, points: Any, found: Any) -> Any:
+    """Solve regular systems together; return the numbers of the other finite points."""
+    n = data.size
     matrices, rhs = points[:, : n * n].reshape(-1, n, n), points[:, n * n : n * n + n]
-    found = np.full((len(points), n + 2), math.nan)
     is_finite = np.isfinite(points).all(axis=1)
-    is_regular = is_finite & (len(values) == n * n + n + 1)
+    is_regular = is_finite & (points.shape[1] == n * n + n + 1)
     sizes = np.linalg.svd(matrices[is_regular], compute_uv=False)
-    largest = np.maximum(sizes[:, 0], points[is_regular, -1])
+    largest = np.maximum(sizes[:, 0], points[is_regular, -1].real)
     is_regular[is_regular] = sizes[:, -1] > _REGULAR * largest
     found[is_regular, :n] = np.linalg.solve(matrices[is_regular], rhs[is_regular, :, None])[..., 0]
     found[is_regular, n:] = n, 1.0
-    for i in np.flatnonzero(is_finite & ~is_regular):
-        found[i] = _evaluate_solve(data, points[i].tolist())
-    return list(found.T)
+    return np.flatnonzero(is_finite & ~is_regular)
 
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
@@ -485,26 +481,30 @@ class Several:
 
 
 def _pointwise(
-    function: Callable[[Any, Sequence[Any]], Sequence[Any]], n_results: Callable[[Any], int]
+    function: Callable[[Any, Sequence[Any]], Sequence[Any]],
+    n_results: Callable[[Any], int],
+    together: Callable[[Any, Any, Any], Iterable[int]] | None = None,
 ) -> Several:
-    """Extend a function of numbers to arrays of n points; undefined results are nan."""
+    """Extend a function of numbers to arrays of n points; undefined results are nan.
+
+    ``together`` computes results of several points, and returns the numbers of the other ones.
+    """
 
     def evaluate(data: Any, values: Sequence[Any]) -> Sequence[Any]:
         if not any(np.ndim(value) for value in values):
             return function(data, values)
-        rows = []
-        for point in np.array(np.broadcast_arrays(*values)).T.tolist():
-            try:
-                rows.append(function(data, point))
-            except (ArithmeticError, ValueError):
-                rows.append([math.nan] * n_results(data))
-        return list(np.reshape(rows, (-1, n_results(data))).T)  # also without points
+        points = np.array(np.broadcast_arrays(*values)).T
+        found = np.full((len(points), n_results(data)), math.nan, np.result_type(points, float))
+        for i in together(data, points, found) if together else range(len(points)):
+            with contextlib.suppress(ArithmeticError, ValueError):
+                found[i] = function(data, points[i].tolist())
+        return list(found.T)
 
     return Several(evaluate, n_results)
 
 
 SEVERAL: dict[str, Several] = {
-    "solve": Several(_solve_at_points, lambda shape: int(shape.size) + 2),
+    "solve": _pointwise(_evaluate_solve, lambda shape: int(shape.size) + 2, _solve_regular),
     "table": _pointwise(_evaluate_table, lambda _: 2),
     "lookup": Several(lambda data, values: data.evaluate(values), lambda d: len(d.results)),
     "call": _pointwise(lambda f, values: f.evaluate(values), lambda f: int(f.n_results)),
