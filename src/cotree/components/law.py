@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from cotree.dag.derivative import SINGULAR, tangents
-from cotree.dag.dual import is_varied, tangent_of, value_of, varied
 from cotree.dag.nodes import ARGUMENT, Dag, Node, formed_in, reachable, symbols_in
 from cotree.dag.operations import folded
+
+# Derivatives are imported where they are formed, since runs of models in the cache form none.
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -114,6 +114,8 @@ class Law:
 
     @cached_property
     def _partials(self) -> dict[str, Node]:
+        from cotree.dag.derivative import tangents
+
         root, symbols = self._graph
         one = root.dag.one
         rows = {name: tangents([root], {symbol: one})[0] for name, symbol in symbols.items()}
@@ -122,6 +124,8 @@ class Law:
     @cached_property
     def _has_root(self) -> bool:
         """Whether the law has an operation whose derivative is not finite everywhere."""
+        from cotree.dag.derivative import SINGULAR
+
         return any(node.op in SINGULAR for node in reachable([self._graph[0]]))
 
     @property
@@ -147,6 +151,8 @@ class Law:
 
     def value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
         """Build the node of the law's value from its arguments, which may be dual numbers."""
+        from cotree.dag.dual import is_varied, tangent_of, value_of, varied
+
         changing = {name for name, argument in arguments.items() if is_varied(argument)}
         if not changing:
             return self._value(dag, arguments)
@@ -183,6 +189,8 @@ class Law:
         If the law has a root or a power of a clipped argument, its branch is chosen before
         differentiation (:mod:`cotree.dag.derivative`).
         """
+        from cotree.dag.derivative import tangents
+
         (root, symbols), rows = self._graph, self._partials
         wanted = [name for name in names or rows if name in rows]
         known = {symbols[name]: node for name, node in arguments.items() if name in symbols}
