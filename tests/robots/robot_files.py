@@ -20,7 +20,7 @@ STORED = {
 
 
 def stored_file(name):
-    """Return the path of a robot that lies beside the tests."""
+    """Return the path of a robot in the folder of the tests."""
     return HERE / "urdf" / STORED[name][0]
 
 

@@ -87,7 +87,7 @@ class Law:
         )
 
     def where(self, **values: Any) -> Law:
-        """Return the law with laws or numbers in place of some arguments."""
+        """Return the law after replacing some arguments by laws or numbers."""
         return _Formed(
             lambda at: self.form(lambda name: _at(values[name], at) if name in values else at(name))
         )

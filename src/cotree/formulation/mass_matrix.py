@@ -91,7 +91,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
 
 
 def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
-    """Return whether each coordinate moves inertia of its own cluster, and the guards."""
+    """Return whether each coordinate moves inertia of its joint's cluster, and the guards."""
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
     # A tensor with negative energy reduces the inertia of every joint that moves it.
@@ -176,7 +176,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
 
 
 def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]) -> list[Node]:
-    """Return values that are positive if all motions of a joint move inertia of its own cluster."""
+    """Return values that are positive if all motions of a joint move inertia of its cluster."""
     inertia = clusters.inertias[branches[-1].child]
     branches = [branch for branch in branches if branch.speeds]
     if inertia is None or inertia.mass.is_zero or not branches:

@@ -182,7 +182,7 @@ class Preparation:
         self._has_constant_start = model.has_constant_start and not self.asks_python
 
     def run(self, parameters: Any, initial: Mapping[str, float]) -> Problem:
-        """Return the problem of one run, with values in place of the scene's."""
+        """Return the problem of one run, with values that replace the scene's."""
         model, t_span = self.model, self.settings.t_span
         initial = check_mapping(initial, "initial") if initial else {}
         p = model.parameter_array(parameters)

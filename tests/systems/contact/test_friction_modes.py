@@ -95,7 +95,7 @@ def test_a_stored_point_at_a_breakpoint_has_the_modes_behind_it():
 
 
 def wedge(ratio):
-    """Build two shafts with a lossy gear between them, and a clutch that closes beside it."""
+    """Build two shafts with a lossy gear between them, and a clutch in parallel that closes."""
     scene = cotree.Scene("wedge")
     scene.parameter("r", ratio)
     for node, w in (("a", "r*2"), ("b", 2.0)):
