@@ -1,9 +1,9 @@
 """Detection of jumps by comparing values on both sides of a point.
 
-In: a node that depends on time, parameters and further symbols. Out: for time events
-(:mod:`cotree.dag.switching_times`), nodes that are negative if the value jumps; for other
-conditions, whether the value jumps along random motions with random parameters; for a single
-condition, whether both branches agree at all of its zeros.
+The functions test whether a node jumps. For time events
+(:mod:`cotree.dag.switching_times`), the results are nodes that are negative if the value jumps. For
+other conditions, the value is evaluated along random motions with random parameters. For a single
+condition, its two branches are compared at its zeros.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
     Places = npt.NDArray[np.intp]
-    #: Function that returns the values of all symbols at an array of times.
+    #: Function from an array of times to the values of all symbols.
     _Motion = Callable[[Array], Mapping[Node, Array]]
 
 #: Type of the compared values: nodes of parameters, or numbers.
@@ -38,33 +38,34 @@ _Value = TypeVar("_Value", "Node", float)
 # Operations that may jump if their first argument is zero or an integer.
 _JUMPING = frozenset({"select", "sign", "floor"})
 
-# Relative distance from a time at which values are compared: about a thousand rounding errors, and
-# less than any pulse edge that double precision resolves well; and distance from time zero, [s].
+# Values are compared at this distance from a time, relative to the time: about a thousand rounding
+# errors, and less than the pulse edges that double precision resolves well. The second number, [s],
+# is added for times near zero.
 _NEAR, _NEAR_ZERO = 1e-12, 1e-18
 
-# A change across a time is a jump if it exceeds the first number times the changes on both sides
-# (slopes), and the second number times the value (rounding).
+# A change across a time is a jump if it exceeds the sum of two terms: the first number times the
+# changes on both sides (slopes), and the second number times the values (rounding).
 _STEEP, _ROUNDING = 10.0, 1e-10
 
-# Random points on a boundary are examined in blocks, which end at these numbers of points; and
-# number of points at which both sides must agree.
+# Random points on a boundary are examined in blocks, which end at these numbers of points. Both
+# branches must agree at _N_SHOWN points.
 _BLOCKS, _N_SHOWN = (0, 20, 600), 12
 
-# Range of random values, as powers of ten. A third of the values is instead close to a constant of
-# the law.
+# Range of random magnitudes, as powers of ten. A third of the values is instead drawn near a
+# constant of the law.
 _SIZES = (-3.0, 1.5)
 
-# Distances from a boundary at which both sides are compared, relative to the value that is moved.
-# The difference must decrease at each distance by at least the factor _FALLS, or fall to the
-# fraction _FLOOR of the largest value, which is rounding. Even the fifth root of the distance
-# decreases fast enough; a jump does not decrease.
+# Distances from a boundary at which both branches are compared, relative to the symbol that is
+# varied. From each distance to the next, the difference must fall by the factor _FALLS, or below
+# rounding: _FLOOR times the largest value. A difference that varies as the fifth root of the
+# distance still passes; a jump does not decrease.
 _DISTANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
 _FALLS, _FLOOR = 0.5, 1e-12
 
 _MOST_SECANTS = 30
 
-# Shortest and longest sampled time on both sides of zero, [s]; number of times, each a sixth longer
-# than the previous one; number of motions.
+# Shortest and longest sampled time on both sides of zero, [s]; number of times, which form a
+# geometric series; number of motions.
 _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 
 
@@ -74,20 +75,20 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
     for stop in find_time_events(dag, [value]):
         times = [stop.first]
         if stop.period is not None:
-            # The first time may be special, such as the start of a source.
+            # The first event may differ from later ones, for example at the start of a source.
             times.append(stop.first + stop.period)
         for at in times:
             way = _NEAR * dag.function("abs", at) + _NEAR_ZERO
-            # The difference between the two values on a side is due to a slope.
+            # Two values on each side show the slope, which is no jump.
             sides = [at - 3.0 * way, at - way, at + way, at + 3.0 * way]
             values = [substitute([value], {time: side})[0] for side in sides]
-            # The dictionary is an ordered set: equal margins are one node.
+            # The dictionary serves as an ordered set and removes equal margins.
             found[_margin(values, lambda node: dag.function("abs", node))] = None
     return list(found)
 
 
 def _margin(values: Sequence[_Value], size: Callable[[_Value], _Value]) -> _Value:
-    """Return the largest change that is not a jump, minus the change between the middle values."""
+    """Return the change that slopes and rounding explain, minus the change across the time."""
     a, b, c, d = values
     allowed = (size(b - a) + size(d - c)) * _STEEP + (size(b) + size(c)) * _ROUNDING
     return allowed - size(c - b)
@@ -104,24 +105,24 @@ def jumps_at_time_events(dag: Dag, value: Node, time: Node) -> bool:
 
     Other symbols are continuous in time; they have random values.
     """
-    # With a fixed seed, all runs have the same result.
+    # The fixed seed makes the result reproducible.
     found, numbers = margins(dag, value, time), random.Random(1)
     for _ in range(_N_MOTIONS if found else 0):
         place = _motion(found, (), time, numbers)(np.zeros(1))
-        # The negation ensures that nan, an undefined value, counts as a jump.
+        # "not >=" also counts nan, an undefined value, as a jump.
         if not (_values(found, place) >= 0.0).all():
             return True
     return False
 
 
 def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
-    """Return the conditions at which a value may jump and that depend on the symbols ``moving``."""
+    """Return the conditions that depend on ``moving`` and at whose zeros a value may jump."""
     found = [node for node in reachable([value]) if node.op in _JUMPING]
     return [node for node in found if not set(symbols_in(node.args[:1])).isdisjoint(moving)]
 
 
 def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
-    """Return whether a value jumps along a random motion, or a condition is never crossed."""
+    """Return whether a value jumps along a random motion, or a condition has no sampled zero."""
     conditions = _conditions(value, moving)
     numbers = random.Random(1)
     met: set[Node] = set()
@@ -132,14 +133,14 @@ def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
                 met.add(condition)
                 if _jumps(value, motion, t):
                     return True
-    # A condition that no motion crosses cannot be assessed and counts as a jump.
+    # Without a crossing, a condition cannot be assessed: assume a jump.
     return len(met) < len(conditions)
 
 
 def _motion(
     roots: Sequence[Node], moving: Sequence[Node], time: Node, numbers: random.Random
 ) -> _Motion:
-    """Return a random motion, linear in time, of the symbols ``moving``; others are constant."""
+    """Return a random motion: ``moving`` symbols are linear in time, all others are constant."""
     symbols = [symbol for symbol in symbols_in(roots) if symbol is not time]
     starts = {symbol: numbers.uniform(0.3, 2.0) for symbol in symbols}
     rates = {
@@ -166,7 +167,7 @@ def _values(
 
 
 def _crossings(condition: Node, motion: _Motion, most: int = 4) -> list[float]:
-    """Return the first times at which a condition changes along a motion, exact to rounding."""
+    """Return the first times, exact to rounding, at which a condition changes sign in a motion."""
     looked = condition.args[0]
 
     def side(t: Array) -> Array:
@@ -185,7 +186,7 @@ def _crossings(condition: Node, motion: _Motion, most: int = 4) -> list[float]:
         a, b, before = times[i], times[i + 1], sides[i]
         if len(found) == most:
             break
-        # If a side is undefined, there is no change.
+        # Skip intervals with an undefined end.
         if before == sides[i + 1] or math.isnan(before) or math.isnan(sides[i + 1]):
             continue
         # Bisect until a and b are neighbouring doubles.
@@ -200,7 +201,7 @@ def _jumps(value: Node, motion: _Motion, t: float) -> bool:
     """Return whether a value jumps at a time; see :func:`margins`."""
     way = _NEAR * abs(t) + _NEAR_ZERO
     (values,) = _values([value], motion(t + way * np.array([-3.0, -1.0, 1.0, 3.0])))
-    # The negation ensures that nan counts as a jump.
+    # "not >=" also counts nan as a jump.
     return not _margin(values.tolist(), abs) >= 0.0
 
 
@@ -228,7 +229,7 @@ def agree_at(above: Node, below: Node, boundary: Node) -> bool:
 
 
 def _folds(difference: Node, boundary: Node) -> bool:
-    """Return whether a difference folds to the constant zero at the zero of a boundary."""
+    """Return whether a difference simplifies to the constant zero on a boundary."""
     try:
         return any(substitute([difference], way)[0].is_zero for way in ways_to_zero(boundary))
     except (ArithmeticError, ValueError):  # undefined at the boundary
@@ -236,12 +237,12 @@ def _folds(difference: Node, boundary: Node) -> bool:
 
 
 class _Boundary:
-    """Random points on a boundary between two branches."""
+    """Comparison of two branches at random points on the boundary between them."""
 
     def __init__(self, above: Node, below: Node, boundary: Node) -> None:
         order = reachable([boundary, above, below])
         self._symbols = symbols_in(order)
-        # Parameters are constant during a run, so they are moved only if there are no variables.
+        # Parameters are constant during a run, so they are varied only if there are no variables.
         looked_at = symbols_in([boundary])
         self._moved = [symbol for symbol in looked_at if symbol.data[0] != PARAMETER] or looked_at
         own = _argument(boundary)
@@ -254,7 +255,7 @@ class _Boundary:
 
     @np.errstate(all="ignore")
     def is_continuous(self) -> bool:
-        """Return whether both branches agree at all points on the boundary, and these suffice."""
+        """Return whether both branches agree at all tested points, and enough points are tested."""
         n_shown, met = 0, [set[float]() for _ in self._conditions]
         for first, end in pairwise(_BLOCKS) if self._moved else ():
             is_met, values = self._compare(first, end)
@@ -269,7 +270,7 @@ class _Boundary:
         return False
 
     def _draw(self, first: int, end: int) -> dict[Node, Array]:
-        """Return random values of all symbols for trials."""
+        """Return random values of all symbols for the trials ``first`` to ``end``."""
         place = {}
         for i, symbol in enumerate(self._symbols):
             exponents, which, constants, factors, signs = _uniform(i)[:, first:end]
@@ -283,18 +284,18 @@ class _Boundary:
         return place
 
     def _compare(self, first: int, end: int) -> tuple[Array, Array]:
-        """Return whether both branches agree, and other conditions, in the valid trials of a block.
+        """Return for each valid trial whether the branches agree, and other conditions' values.
 
-        A trial is invalid if its symbol does not reach the boundary, or a branch is undefined near
-        it. Conditions have shape (n_conditions, n_valid).
+        A trial varies one symbol. It is invalid if no value of this symbol lies on the boundary, or
+        if a branch is undefined near the boundary. Conditions have shape (n_conditions, n_valid).
         """
         place = self._draw(first, end)
-        # Each trial moves one symbol.
+        # Index of the symbol that each trial varies.
         which = np.arange(first, end) % len(self._moved)
         start = np.array([place[symbol] for symbol in self._moved])[which, np.arange(end - first)]
 
         def moved(at: Array, trials: Places) -> dict[Node, Array]:
-            """Return places with the moved symbols of trials at ``at``, shape (n, n_trials)."""
+            """Return all symbols' values in ``trials``; the varied symbol has the values ``at``."""
             n, own = len(at), which[trials]
             given = {symbol: np.tile(values[trials], n) for symbol, values in place.items()}
             for k, symbol in enumerate(self._moved):
@@ -312,7 +313,7 @@ class _Boundary:
         steps = [sign * distance for distance in (0.0, *_DISTANCES) for sign in (1.0, -1.0)]
         near = at + np.array(steps)[:, None] * scale
         values = _values(self._roots, moved(near, trials), self._order)
-        # Shape (n_roots, n_distances, 2, n_trials): the values on both sides of the boundary.
+        # Values on both sides of the boundary, shape (n_roots, n_distances, 2, n_trials).
         sides = values.reshape(len(values), len(_DISTANCES) + 1, 2, -1)
         conditions, (side, above, below) = sides[3:, 0, 0], sides[:3, 1:]
         is_above = side[:, 0] > 0.0
@@ -327,15 +328,15 @@ class _Boundary:
 
 @cache
 def _uniform(column: int) -> Array:
-    """Return random numbers between 0 and 1 for one symbol, the same in each run."""
+    """Return reproducible random numbers between 0 and 1 for the symbol with index ``column``."""
     numbers = random.Random(column)
     return np.array([numbers.random() for _ in range(5 * _BLOCKS[-1])]).reshape(5, -1)
 
 
 def _zeros(function: Callable[[Array, Places], Array], start: Array) -> Array:
-    """Search for a zero near each start by the secant method; those not found are nan.
+    """Return a zero near each start by the secant method, or nan if it does not converge.
 
-    The function receives arguments and the places of their starts.
+    ``function`` receives arguments and the indices of their starts.
     """
     found, places = np.full(start.shape, math.nan), np.arange(len(start))
     a, b = start, 1.1 * start + 0.1

@@ -1,12 +1,13 @@
 """Derivatives of nodes: forward (tangents) and reverse (adjoints).
 
-They differentiate component laws and expressions, and check the sensitivity graphs
-(:mod:`cotree.sensitivity`) independently.
+Component laws and expressions are differentiated here. Tests compare the sensitivity graphs
+(:mod:`cotree.sensitivity`) with these derivatives.
 
 ``sqrt(max(x, 0))``, ``max(x, 0)**0.7``, ``sqrt(x + abs(x))`` and ``acos(min(x, 1))`` are constant
-in one branch, in which the chain rule multiplies an infinite slope by zero. The derivative is zero
-in such a branch, including its end. If the domain of a root ends at the zero of a selection's
-condition, as in ``where(x < 0, 0, x*sqrt(x))``, the derivative of the other side is used there.
+in one branch. There the chain rule would multiply an infinite slope by zero. The derivative is set
+to zero in such a branch, including its end point. If the domain of a root ends at the zero of a
+selection's condition, as in ``where(x < 0, 0, x*sqrt(x))``, the derivative of the other side is
+used there.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from cotree.dag.operations import OPERATIONS
 
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: Maximum number of branches of a value that are stored, constants first.
+#: Maximum number of branches stored for a value; constants are kept first.
 _MOST_BRANCHES = 16
 
-#: Number of random points; fraction of its terms below which a sum counts as zero.
+#: Number of random points, and the fraction of its terms below which a sum counts as zero.
 _N_PLACES, _ROUNDING = 3, 1e-12
 
 
@@ -47,12 +48,12 @@ SINGULAR: dict[str, Callable[..., Node | None]] = {
 }
 
 
-#: Operations whose derivative is finite for any positive first argument.
+#: Operations with a finite derivative at any positive first argument.
 _OF_POSITIVE = frozenset({"sqrt", "log", "pow"})
 
 
 def _is_nonnegative(node: Node, *, is_strict: bool = False) -> bool:
-    """Return whether a value is a sum of squares and constants >= 0, one of them > 0 if strict."""
+    """Return whether a value is a sum of squares and nonnegative constants, one > 0 if strict."""
     if node.value is not None:
         return node.value > 0.0 or (node.value == 0.0 and not is_strict)
     if node.op == "add":
@@ -73,15 +74,15 @@ def is_singular(op: str, args: Sequence[Node]) -> bool:
 
 
 class Clips:
-    """Chain rule for operations whose arguments are constant in one of their branches.
+    """Chain rule that avoids 0 * inf if an argument has a constant branch at a singular point.
 
-    Terms of all other operations are plain products. ``replacements`` are nodes that will replace
-    symbols and may also have branches.
+    For all other operations, the chain rule is a plain product. ``replacements`` are nodes that
+    will replace symbols and may also have branches.
     """
 
     def __init__(self, replacements: Mapping[Node, Node]) -> None:
         self._replacements = replacements
-        # Branches are formed in a separate graph, so that node numbers do not change.
+        # Branches are formed in a separate graph, so that the main graph does not change.
         self._own = Dag()
         self._branches: dict[Node, tuple[Node, ...]] = {}
         self._values: dict[Node, tuple[float, ...]] = {}
@@ -105,7 +106,8 @@ class Clips:
             return term
         condition = self._reached(node) if node.op in SINGULAR else None
         if condition is None and any(branch.is_zero for branch in self._of(weight)):
-            # The value has no influence if another branch is selected.
+            # If another branch is selected, the adjoint is zero, and an infinite partial must not
+            # count.
             condition = -dag.function("abs", weight)
         return term if condition is None else dag.select(condition, dag.zero, term)
 
@@ -121,13 +123,13 @@ class Clips:
         return node.dag.select(condition, above, below)
 
     def reaches(self, node: Node) -> bool:
-        """Return whether the chain rule fails at the end of a branch of a value."""
+        """Return whether the plain chain rule fails at an operation: it may yield 0 * inf."""
         if node.op == "select":
             return self._ends_at(*node.args[:2])
         return node.op in SINGULAR and self._reached(node) is not None
 
     def _ends_at(self, condition: Node, side: Node) -> bool:
-        """Return whether the domain of a singular operation in a branch ends at a boundary."""
+        """Return whether an operation becomes singular at the zero of a branch's condition."""
         known = self._has_ends
         for node in reachable([side], stop=known):
             known.setdefault(node, node.op in SINGULAR or any(known[arg] for arg in node.args))
@@ -144,31 +146,31 @@ class Clips:
         return False
 
     def _branches_of_args(self, node: Node) -> Iterable[tuple[Node, ...]]:
-        """Return all combinations of the branches of arguments; none without a singular branch."""
+        """Return the combinations of the arguments' branches; empty if none can be singular."""
         if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
             return ()
         branches = [self._of(arg) for arg in node.args]
         return () if all(len(found) == 1 for found in branches) else product(*branches)
 
     def _reached(self, node: Node) -> Node | None:
-        """Form an expression that is nonnegative at the singular argument of a constant branch."""
+        """Return a condition that is >= 0 in a constant singular branch, or None if none exists."""
         found = any(is_singular(node.op, args) for args in self._branches_of_args(node))
         return SINGULAR[node.op](*node.args) if found else None
 
     def _may_be_constant(self, node: Node) -> bool:
-        """Return whether a branch that may be singular lacks a symbol of another branch."""
+        """Return whether an argument may be constant in one branch and variable in another one."""
         formed = [SINGULAR[node.op](*args) for args in self._branches_of_args(node)]
         sets = [set(symbols_in([excess])) for excess in formed if excess is not None]
-        # Branches without symbols are constants, which are not singular.
+        # Constant branches are not singular here: _reached has tested them.
         return any(own and own != set().union(*sets) for own in sets)
 
     def _of(self, root: Node) -> tuple[Node, ...]:
-        """Return the branches of a value in the separate graph."""
+        """Return the branches of a value, as nodes of the separate graph."""
         known = self._branches
         if root not in known:
             for node in reachable([root], stop=known):
                 if node not in known:
-                    # A symbol may be replaced by this node itself.
+                    # Evaluate first: a replacement of a symbol may contain the same symbol.
                     found = self._formed(node)
                     known.setdefault(node, found)
         return known[root]
@@ -206,7 +208,7 @@ class Clips:
         return all(abs(c) <= _ROUNDING * (abs(a) + abs(b)) for c, a, b in sums)
 
     def _valued(self, root: Node) -> tuple[float, ...]:
-        """Evaluate a branch at random points; results are nan if it is undefined."""
+        """Return the values of a branch at random points, or nan if it is undefined."""
         known = self._values
         for node in reachable([root], stop=known) if root not in known else ():
             if node in known:
@@ -246,8 +248,8 @@ def _d_pow_base(node: Node) -> Node:
 
 def _d_pow_exponent(node: Node) -> Node:
     dag = node.dag
-    # At a base of zero the derivative is zero for positive exponents, although the logarithm is
-    # undefined: in Hill's law, the initial amount of a species may be zero.
+    # At a base of zero the logarithm is undefined, but the derivative is zero for positive
+    # exponents. Hill's law needs this, since the initial amount of a species may be zero.
     is_zero = -dag.function("abs", node)
     return dag.select(is_zero, dag.zero, node * dag.function("log", node.args[0]))
 
@@ -258,7 +260,7 @@ def _norm2(node: Node) -> Node:
 
 
 #: Partial derivatives of each operation with respect to its arguments; None if zero. A selection
-#: has the derivative of the selected branch; events handle jumps at the zero of its condition.
+#: has the derivative of the selected branch; events treat the jump between branches.
 PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "add": (lambda n: n.dag.one, lambda n: n.dag.one),
     "sub": (lambda n: n.dag.one, lambda n: -n.dag.one),
@@ -292,7 +294,7 @@ def _of_lookup(node: Node) -> Jacobian:
 
 
 def _of_sines(node: Node) -> Jacobian:
-    # The results are the sines, then the cosines.
+    # The first n results are sines, the last n cosines.
     n = len(node.args)
     values = results(node, 2 * n)
     return [*({i: values[n + i]} for i in range(n)), *({i: -values[i]} for i in range(n))]
@@ -302,7 +304,7 @@ def _of_call(node: Node) -> Jacobian:
     function: Function = node.data
     if function.partials is None:
         raise ArithmeticError(f"the function '{function.name}' has no partial derivatives")
-    # The results of ``partials`` are the rows of the Jacobian, one per result of the function.
+    # ``partials`` returns the rows of the Jacobian one after the other.
     flat, width = call(node.dag, function.partials, node.args), len(node.args)
     rows = (flat[width * i : width * (i + 1)] for i in range(function.n_results))
     return [dict(enumerate(row)) for row in rows]
@@ -346,16 +348,16 @@ def _adjoints_of_several(node: Node, weights: Sequence[Node]) -> list[Node]:
 def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
     """Solve A dx = db - dA x with the matrix of the node."""
     dag, n = node.dag, node.data.size
-    # Arguments: rows of the matrix, right-hand side, sizes if any, and reference; see `solve`.
+    # Arguments of a `solve` node: matrix by rows, right-hand side, sizes if any, reference.
     matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
     x = results(node, n)
     right = list(along[n * n : n * n + n])
     for i in range(n):
         for j in range(n):
             right[i] = right[i] - along[n * i + j] * x[j]
-    # Since the matrix is the same, C factorises once for the value and its derivatives.
+    # With an identical matrix, the generated code factorises once for the value and derivatives.
     solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
-    return [*solved[:n], dag.zero, dag.zero]  # derivatives of rank and acceptance
+    return [*solved[:n], dag.zero, dag.zero]  # rank and acceptance have no derivative
 
 
 def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:
@@ -369,10 +371,10 @@ def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:
 
 
 def _tangents_of_map(node: Node, along: Sequence[Node]) -> list[Node]:
-    """Differentiate the statements of a map, and substitute the values of each column."""
+    """Return the tangents of a map's results: its differentiated statements, for each column."""
     linear: LinearMap = node.data
     changes = [node.dag.symbol(CHANGE, i) for i in range(len(linear.inputs))]
-    # The statements are differentiated once for all columns.
+    # Differentiate the statements once for all columns.
     once = tangents(linear.results, dict(zip(linear.inputs, changes, strict=True)))
     symbols, found = [*linear.inputs, *changes], []
     for own, d in zip(linear.given_to(node.args), linear.given_to(along), strict=True):
@@ -381,7 +383,7 @@ def _tangents_of_map(node: Node, along: Sequence[Node]) -> list[Node]:
 
 
 def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
-    """Differentiate the statements of a map in reverse, and substitute each column's values."""
+    """Return the adjoints of a map's arguments by reverse differentiation of its statements."""
     linear: LinearMap = node.data
     n, n_shared = len(linear.results), linear.n_shared
     changes = [node.dag.symbol(CHANGE, i) for i in range(n)]
@@ -403,9 +405,10 @@ def tangents(
 ) -> list[Node]:
     """Return the derivative of each root along the direction ``seed``.
 
-    ``seed`` maps symbols to their derivatives; other nodes in it are differentiated no further.
-    ``replacements`` are nodes that will be substituted for symbols and may have constant branches.
-    Raise ArithmeticError if a root calls an external function without partial derivatives.
+    ``seed`` maps symbols to their derivatives. It may also contain other nodes, whose arguments are
+    then ignored. ``replacements`` are nodes that will later be substituted for symbols; they may
+    have constant branches. Raise ArithmeticError if a root calls an external function without
+    partial derivatives.
     """
     if not roots:
         return []
@@ -420,17 +423,17 @@ def tangents_along(
 ) -> list[dict[int, Node]]:
     """Return the nonzero derivatives of each root along several directions, by direction index.
 
-    See :func:`tangents` for the parameters. A node in the seed of one direction is constant along
-    directions whose seeds do not contain it.
+    See :func:`tangents` for the parameters. A node that occurs in some seeds is constant along all
+    other directions.
     """
     return Tangents(seeds, Clips(replacements)).of(roots)
 
 
 class Tangents:
-    """Derivatives of values along several directions, each of which is formed once."""
+    """Derivatives of nodes along several directions; the derivative of each node is cached."""
 
     def __init__(self, seeds: Sequence[Mapping[Node, Node]], clips: Clips) -> None:
-        # A node with a zero seed also has a row, so that its arguments are not visited.
+        # Nodes with a zero seed also get a row, so that their arguments are not differentiated.
         self._known: dict[Node, dict[int, Node]] = {}
         for i, seed in enumerate(seeds):
             for node, d in seed.items():
@@ -498,8 +501,9 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
     order = reachable(roots)
     for root, weight in zip(roots, weights, strict=True):
         bar[root] = bar.get(root, zero) + weight
-    # In reverse order of evaluation, all users of a value have added to its adjoint before it is
-    # used. A node with several results follows all of them.
+    # In reverse order of evaluation, the adjoint of a node is complete before it is propagated,
+    # because all nodes that use it come earlier. A node with several results comes after all of
+    # them.
     for node in reversed(order):
         if node.op in SEVERAL:
             if node in several:
@@ -517,7 +521,7 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
                 several[target] = [zero] * n_results
             several[target][node.data] = several[target][node.data] + own
             continue
-        if node.op == "select":  # not a product, since the other branch may be undefined
+        if node.op == "select":  # not a product with zero, since the other branch may be undefined
             _, accepted, refused = node.args
             bar[accepted] = bar.get(accepted, zero) + clips.select(node, own, zero)
             bar[refused] = bar.get(refused, zero) + clips.select(node, zero, own)

@@ -1,9 +1,8 @@
 """Dual numbers: a value with its derivative along one direction.
 
-A formula computes values if its arguments are nodes, and also derivatives if they are duals. The
-value of a dual may be a node, a vector or a matrix. Values that are constant along the direction
-are not duals, so no derivatives are formed for them. Duals have the static types of the values that
-they replace.
+A formula applied to nodes forms a value; applied to duals, it also forms the derivative. The value
+of a dual may be a node, a vector or a matrix. Values that are constant along the direction remain
+plain nodes. For type checkers, a dual has the type of its value.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ Form = TypeVar("Form", bound="Callable[..., Any]")
 class Dual(Node):
     """A value and its derivative: nodes, or vectors or matrices of nodes.
 
-    The operators are for scalars. The class is derived from Node, so that Python calls them first
-    in expressions of nodes and duals.
+    The operators are defined for scalars only. Dual is a subclass of Node because Python then calls
+    the operators of Dual in mixed expressions, even if the left operand is a Node.
     """
 
     __slots__ = ("d",)
@@ -36,7 +35,7 @@ class Dual(Node):
 
     def __init__(self, value: Any, d: Any) -> None:
         self.value = value
-        self.d = d  # a dual is not in a graph, only its parts are
+        self.d = d  # a dual belongs to no graph, only its value and derivative do
 
     def __getitem__(self, i: int) -> Any:
         return varied(self.value[i], self.d[i])
@@ -46,13 +45,13 @@ class Dual(Node):
 
     @property
     def is_zero(self) -> bool:
-        """False, since a dual is never the constant zero."""
+        """Return False: a dual is never the constant zero."""
         return False
 
     def __add__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value + other.value, self.d + other.d)
-        # No test is needed: the derivative of a dual is never structurally zero.
+        # The derivative of a dual is never structurally zero, so varied() is not needed here.
         return Dual(self.value + other, self.d)
 
     def __radd__(self, other: Any) -> Any:
@@ -69,7 +68,7 @@ class Dual(Node):
     def __mul__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value * other.value, self.d * other.value + self.value * other.d)
-        # Products are tested, since the derivative vanishes with a zero factor.
+        # A zero factor makes the derivative zero.
         return varied(self.value * other, self.d * other)
 
     def __rmul__(self, other: Any) -> Any:
@@ -97,7 +96,7 @@ def varied(value: T, d: T) -> T:
 
 def is_varied(*parts: Any) -> bool:
     """Return whether any part is a dual."""
-    # A generator would cost more than these few comparisons.
+    # A list is faster than a generator for so few elements.
     return any([part.__class__ is Dual for part in parts])
 
 
@@ -108,7 +107,7 @@ def value_of(a: T) -> T:
 
 
 def tangent_of(a: T) -> T:
-    """Return the derivative of a dual, or zeros of the same shape for other values."""
+    """Return the derivative of a dual; for other values, return zeros of the same shape."""
     d: T = a.d if isinstance(a, Dual) else _zeros(a)
     return d
 
@@ -136,7 +135,7 @@ def _zeros(value: Any) -> Any:
 
 
 def formed(form: Callable[..., T], a: Any, b: Any) -> T:
-    """Return ``form(a, b)``, cached in the graph of ``a`` since all directions need it."""
+    """Return ``form(a, b)`` from a cache in the graph of ``a``, which all directions share."""
     known: dict[Any, T] = _dag_of(a).formed
     key = (form, a, b)
     if key in known:
@@ -168,7 +167,7 @@ def additive(form: Form) -> Form:
                 return varied(formed(form, a.value, b.value), form(a.d, b.d))
             return Dual(formed(form, a.value, b), a.d)
         if b.__class__ is Dual:
-            # If the form is a difference, it changes the sign of b'.
+            # Applied to zero and b', a sum yields b' and a difference -b'.
             return Dual(formed(form, a, b.value), form(_zeros(a), b.d))
         return form(a, b)
 
@@ -203,14 +202,14 @@ def function(name: str, *args: Node) -> Node:
     dag = _dag_of(value_of(args[0]))
     if not is_varied(*args):
         return dag.function(name, *args)
-    # The function of placeholders is differentiated, and the arguments are then substituted, so
-    # that nodes and duals use the same table of partial derivatives.
+    # Differentiating a function of placeholders, then substituting the arguments, lets nodes and
+    # duals share one table of partial derivatives.
     symbols = [dag.symbol("argument", i) for i in range(len(args))]
     return formula(dag.function(name, *symbols), dict(zip(symbols, args, strict=True)), {})
 
 
 def formula(node: Node, arguments: Mapping[Node, Node], seed: Mapping[Node, Node]) -> Node:
-    """Substitute nodes or duals for arguments; ``seed`` has the derivatives of other symbols."""
+    """Substitute nodes or duals for symbols; ``seed`` has the derivatives of other symbols."""
     along = {**seed, **{symbol: tangent_of(arg) for symbol, arg in arguments.items()}}
     values = {symbol: value_of(arg) for symbol, arg in arguments.items()}
     # Value and derivative are substituted together, since they share most of their nodes.

@@ -24,18 +24,18 @@ def evaluate(
 ) -> list[Any]:
     """Return the values of the roots; ``values`` has the values of symbols and other known nodes.
 
-    With the numbers 'complex_', for complex steps, real parts select branches. ``order`` is the
-    result of :func:`~cotree.dag.nodes.reachable`, if known. Raise KeyError if a symbol has no
-    value, and ArithmeticError or ValueError if an operation on complex numbers is undefined;
-    operations on floats return infinities and nan, as in C.
+    ``numbers`` is 'real', or 'complex_' for complex steps, in which real parts select branches.
+    ``order`` is the result of :func:`~cotree.dag.nodes.reachable`, if known. Raise KeyError if a
+    symbol has no value, and ArithmeticError or ValueError if an operation on complex numbers is
+    undefined; operations on floats return infinities and nan, as in C.
     """
-    # The functions are looked up once, since kernels have thousands of nodes.
+    # A local table is faster than an attribute of each row: kernels have thousands of nodes.
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
     known: dict[Node, Any] = {}
-    # The arguments of known nodes are not computed.
+    # Nodes with known values are not expanded, so their arguments need no values.
     for node in reachable(roots, stop=values) if order is None else order:
         op = node.op
-        # Any node may be known, so ``values`` is searched before the operation is evaluated.
+        # Any node may be in ``values``, not only symbols.
         if node in values:
             known[node] = values[node]
         elif op == "constant":
@@ -43,7 +43,7 @@ def evaluate(
         elif op == "symbol":
             if node.data[0] != PIECE:
                 raise KeyError(node.data)
-            known[node] = 0.0  # no branch is frozen
+            known[node] = 0.0  # zero: the branch is not frozen
         elif op == "result":
             known[node] = known[node.args[0]][node.data]
         elif op in SEVERAL:

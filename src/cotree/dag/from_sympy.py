@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
 
-#: Forms the node of an expression from the nodes of its symbols.
+#: Function that forms the node of an expression from the nodes of its symbols.
 _Maker = Callable[["Dag", Mapping[str, "Node"]], "Node"]
 _Chooser = Callable[["Dag", Mapping[str, "Node"], "Node", "Node"], "Node"]
 
@@ -32,7 +32,7 @@ def from_sympy(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node
 
 @lru_cache(maxsize=4096)
 def _maker(expression: Any) -> _Maker:
-    """Return a function that forms an expression, cached for edges with the same law."""
+    """Return a function that forms the node of an expression; edges with equal laws share it."""
     if expression.is_Symbol:
         return _symbol(expression.name)
     if expression.is_number:
@@ -45,7 +45,7 @@ def _maker(expression: Any) -> _Maker:
     if expression.is_Add:
         return lambda dag, arguments: reduce(add, [part(dag, arguments) for part in parts])
     if expression.is_Mul:
-        # SymPy writes a/b as a*b**-1; a division rounds once, a product with a reciprocal twice.
+        # SymPy stores a/b as a*b**-1. Restore the division: it rounds once, the product twice.
         inverted = [factor.is_Pow and factor.exp == -1 for factor in expression.args]
         return lambda dag, arguments: _product(
             dag, inverted, [part(dag, arguments) for part in parts]
@@ -81,7 +81,7 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
     above, below = dag.one, dag.one
     for is_inverted, arg in zip(inverted, args, strict=True):
         if is_inverted:
-            # x**-1 was formed as 1/x, whose divisor is used; a folded constant is no division.
+            # x**-1 was formed as 1/x: divide by x. A folded constant is no division node.
             below = below * arg.args[1] if arg.op == "div" else below / arg
         else:
             above = above * arg
@@ -89,7 +89,7 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
 
 
 def _remainder(a: Node, b: Node) -> Node:
-    # As in SymPy and Python, the remainder has the sign of b; fmod in C has the sign of a.
+    # In SymPy and Python, the remainder has the sign of b; in C, fmod has the sign of a.
     return a - b * a.dag.function("floor", a / b)
 
 
@@ -102,7 +102,7 @@ def _extreme(name: str, args: list[Node], dag: Dag) -> Node:
 
 
 def _piecewise(expression: Any) -> _Maker:
-    """Convert a piecewise expression, whose conditions are comparisons, to nested selections."""
+    """Convert a piecewise expression to nested selections; its conditions must be comparisons."""
     import sympy
 
     pairs = list(expression.args)
@@ -111,7 +111,7 @@ def _piecewise(expression: Any) -> _Maker:
         raise ValueError(
             "the law has a Piecewise without a default branch: end it with (value, True)"
         )
-    # The first true condition decides, so selections are nested from the last to the first branch.
+    # The first true condition applies, so selections are nested from the last branch backwards.
     last = _maker(value)
     branches = [(_maker(value), _chooser(condition)) for value, condition in reversed(pairs[:-1])]
 
@@ -125,7 +125,7 @@ def _piecewise(expression: Any) -> _Maker:
 
 
 def _chooser(condition: Any) -> _Chooser:
-    """Return a function that forms a selection by a comparison, or by a logical combination."""
+    """Return a function that selects between two nodes by a comparison or logical expression."""
     import sympy
 
     if isinstance(condition, (sympy.Or, sympy.And)):
@@ -135,7 +135,7 @@ def _chooser(condition: Any) -> _Chooser:
         return lambda dag, arguments, accepted, refused: inner(dag, arguments, refused, accepted)
     if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
         raise ValueError("the law has a condition that is not a comparison by <, <=, > or >=")
-    # A selection compares with zero: a >= b becomes a - b >= 0.
+    # A selection tests for >= 0, so a >= b becomes a - b >= 0.
     excess = _maker(condition.gts - condition.lts)
     if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict comparison: false at equality
         return lambda dag, arguments, accepted, refused: dag.select(
@@ -147,8 +147,8 @@ def _chooser(condition: Any) -> _Chooser:
 
 
 def _joined(parts: list[_Chooser], is_any: bool) -> _Chooser:
-    # Each condition is nested in the branch of the previous one in which the result is still open:
-    # the false branch for "or", the true branch for "and".
+    # Selections are nested: the second condition of "or" is in the false branch of the first one,
+    # the second condition of "and" in the true branch.
     def choose(dag: Dag, arguments: Mapping[str, Node], accepted: Node, refused: Node) -> Node:
         for part in reversed(parts):
             if is_any:

@@ -1,8 +1,8 @@
 """Lookup tables: piecewise linear or cubic along one axis, bilinear along two axes.
 
-Each piece of a cubic or bilinear table is a polynomial, and the outermost pieces continue beyond
-the ends. Results are the value and its derivatives, so the derivative of a result is another result
-of the same node.
+Each piece of a cubic or bilinear table is a polynomial; the outermost pieces extrapolate. The
+results of a node are the value and its derivatives, so differentiating a result selects another
+result of the same node.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Table:
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Arrays that C reads, by name."""
+        """Return the arrays that C reads, by name."""
         return {"x": self.x, "y": self.y}
 
 
@@ -42,25 +42,25 @@ class CubicTable:
     y: tuple[float, ...]
     slopes: tuple[float, ...]
 
-    #: Name of the C function, and names of its results.
+    #: Name of the C function, and a name for each result.
     function = "cotree_cubic"
     results = ("", "slope", "curvature", "third")
-    #: Index of the derivative of each result among the results, by index of the argument.
+    #: For each result, by index of the argument: index of the result that is its derivative.
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {0: 2}, {0: 3}, {})
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Points at which pieces join, along each axis."""
+        """Return the points at which pieces join, along each axis."""
         return (self.x,)
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Arrays that C reads, by name, the axes first."""
+        """Return the arrays that C reads, by name, the axes first."""
         return {"x": self.x, "y": self.y, "slopes": self.slopes}
 
     @np.errstate(all="ignore")
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Evaluate at a number, real or complex, or at an array of numbers."""
+        """Evaluate the table at a number, real or complex, or at an array of numbers."""
         x, y, slopes = map(np.array, (self.x, self.y, self.slopes))
         k = _piece(x, values[0])
         h, s = x[k + 1] - x[k], values[0] - x[k]
@@ -90,17 +90,17 @@ class PlaneTable:
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Points at which pieces join, along each axis."""
+        """Return the points at which pieces join, along each axis."""
         return (self.x, self.y)
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Arrays that C reads, by name, the axes first."""
+        """Return the arrays that C reads, by name, the axes first."""
         return {"x": self.x, "y": self.y, "z": self.z}
 
     @np.errstate(all="ignore")
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Evaluate at two numbers, real or complex, or at two arrays of numbers."""
+        """Evaluate the table at two numbers, real or complex, or at two arrays of numbers."""
         given = []
         for axis, at in zip(map(np.array, self.axes), values, strict=True):
             k = _piece(axis, at)
@@ -110,30 +110,30 @@ class PlaneTable:
 
 @dataclass(frozen=True)
 class HeldTable(Table):
-    """A piecewise linear function whose interval may be frozen.
+    """A piecewise linear function whose interval can be frozen during a step.
 
-    Arguments: the argument of the table, and the number of the frozen interval, or zero if the
-    argument selects the interval. The first interval is below all points, the last one above.
-    Results: value and slope, both ends of the interval, and its number. An infinite end is replaced
-    by a point at a distance of one from the argument.
+    Arguments: the argument of the table, and the number of the frozen interval; zero means that the
+    argument selects the interval. The first interval is below all points, the last one above all
+    points. Results: value, slope, both ends of the interval, and its number. An infinite end is
+    replaced by the argument minus or plus one.
     """
 
     function = "cotree_held_table"
     results = ("", "slope", "low", "high", "piece")
-    # An end at a distance of one moves with the argument and is never reached.
+    # An end at argument plus or minus one moves with the argument, so it is never crossed.
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {}, {}, {}, {})
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Points at which pieces join, along each axis."""
+        """Return the points at which pieces join, along each axis."""
         return (self.x,)
 
     def ends(self, _: int) -> tuple[int, int, int]:
-        """Return the result indices of both ends and the number of the interval."""
+        """Return the indices of three results: both ends of the interval, and its number."""
         return 2, 3, 4
 
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Evaluate at a number, real or complex, or at an array of numbers."""
+        """Evaluate the table at a number, real or complex, or at an array of numbers."""
         x, y, at = np.array(self.x), np.array(self.y), values[0]
         n, place = len(x), np.real(at)
         inside = np.clip(np.searchsorted(x, place, side="right"), 1, n - 1)
@@ -153,11 +153,11 @@ class HeldTable(Table):
 
 @dataclass(frozen=True)
 class HeldPlane(PlaneTable):
-    """A bilinear function whose interval along each axis may be frozen.
+    """A bilinear function whose interval along each axis can be frozen during a step.
 
-    Arguments: those of the table, then the numbers of the frozen intervals, or zero if the argument
-    selects the interval. Results: those of :class:`PlaneTable`, then the ends and the number of the
-    interval along each axis.
+    Arguments: those of the table, then the numbers of the frozen intervals; zero means that the
+    argument selects the interval. Results: those of :class:`PlaneTable`, then the ends and the
+    number of the interval along each axis.
     """
 
     function = "cotree_held_plane"
@@ -165,12 +165,12 @@ class HeldPlane(PlaneTable):
     partials: ClassVar[tuple[dict[int, int], ...]] = (*PlaneTable.partials, *({},) * 6)
 
     def ends(self, axis: int) -> tuple[int, int, int]:
-        """Return the result indices of both ends and the number of an axis's interval."""
+        """Return the indices of three results: both ends of an axis's interval, and its number."""
         first = 4 + 3 * axis
         return first, first + 1, first + 2
 
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Evaluate at two numbers, real or complex, or at two arrays of numbers."""
+        """Evaluate the table at two numbers, real or complex, or at two arrays of numbers."""
         given, further = [], []
         for axis, at, held in zip(map(np.array, self.axes), values[:2], values[2:], strict=True):
             n, place = len(axis), np.real(at)
@@ -189,7 +189,7 @@ LookupData = CubicTable | PlaneTable | HeldTable | HeldPlane
 
 
 def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
-    """Evaluate a bilinear piece; ``given`` has points, interval and position along each axis."""
+    """Evaluate a bilinear piece; ``given`` has points, interval and argument along each axis."""
     (x, i, s), (y, j, u) = given
     z = numbers.reshape(len(x), len(y))
     width, height = x[i + 1] - x[i], y[j + 1] - y[j]
@@ -200,21 +200,21 @@ def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
 
 
 def _held(number: Any, own: Any) -> Any:
-    """Return the index of the frozen interval or, if none is frozen, of the argument's interval."""
+    """Return the index of the frozen interval, or of the argument's interval if none is frozen."""
     held = np.asarray(np.real(number))  # also turns a single number into an array
     return np.where(held == 0.0, own, held.astype(int) - 1)
 
 
 def _piece(x: Any, at: Any) -> Any:
-    """Return the index of the interval of an argument; the outermost extend to infinity."""
-    # The real part determines the interval, so that complex steps remain in it.
+    """Return the index of the interval that contains an argument; the outermost are unbounded."""
+    # The real part selects the interval, so that complex steps do not leave it.
     place = np.real(at)
     piece = np.clip(np.searchsorted(x, place, side="right") - 1, 0, len(x) - 2)
-    return np.where(np.isnan(place), 0, piece)  # nan is returned, as in C
+    return np.where(np.isnan(place), 0, piece)  # nan arguments return nan, as in C
 
 
 def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
-    """Form the value of a table from a node for each axis."""
+    """Form the value of a table from one node per axis."""
     numbers = [arg.value for arg in args]
     if None not in numbers:  # a table with constant arguments is a constant
         return dag.constant(float(data.evaluate(numbers)[0]))

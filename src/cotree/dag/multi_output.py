@@ -1,10 +1,10 @@
 """Nodes with several results: ``solve``, ``table``, ``lookup``, ``call``, ``map``, ``sines``.
 
-A ``map`` applies the same statements to many columns: sensitivities to different parameters differ
-in their input values, not in the operations. C processes several columns at a time. The arguments
-of the node are the values that all columns share, then the values of each column; its results are
-in the order of the columns. If all inputs on which a value depends are zero in a column, the value
-is also zero and is not computed.
+A ``map`` applies the same statements to many columns, because sensitivities to different parameters
+require the same operations on different inputs. C processes several columns at a time. The
+arguments of the node are the values that all columns share, then the values of each column; its
+results are sorted by column. A value is not computed in columns in which all of its inputs are
+zero.
 
 Each operation has a row in :data:`SEVERAL` with its evaluation; its derivatives are in
 :mod:`cotree.dag.derivative`, its statements in :mod:`cotree.codegen.node_statements`. A ``result``
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from cotree.dag.lookup import Table
 
 
-#: Operations in maps; divisions by shared values become products.
+#: Operations in maps; divisions by shared values are converted to products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
 #: Operations that are finite for all finite arguments, apart from overflow.
 _FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
@@ -69,7 +69,7 @@ class LinearMap:
 
     @cached_property
     def order(self) -> list[Node]:
-        """All nodes of one column, in order of evaluation."""
+        """All nodes of the statements for one column, in evaluation order."""
         return reachable(self.results)
 
     @cached_property
@@ -80,12 +80,12 @@ class LinearMap:
             for node in self.order
             if node.op == "symbol" and node.data[0] == COLUMN
         }
-        # The union contains all columns in which a value is nonzero, and maybe others.
+        # A node may be nonzero in the columns in which an argument may be nonzero.
         return supports_of(self.order, own)
 
     @cached_property
     def counts(self) -> Counter[str]:
-        """Numbers of operations by kind, counted once per column with a nonzero value."""
+        """Number of operations of each kind, summed over the columns that may be nonzero."""
         counts: Counter[str] = Counter()
         for node in self.statements:
             counts[node.op] += self.supports[node].bit_count()
@@ -97,14 +97,14 @@ class LinearMap:
         return [node for node in self.order if node.args]
 
     def blocks(self, node: Node) -> int:
-        """Return a bit mask of the blocks of columns in which a node may be nonzero."""
+        """Return the bit mask of the blocks of columns in which a node may be nonzero."""
         support, all_of_one = self.supports[node], (1 << BLOCK) - 1
         places = range(0, self.n_columns, BLOCK)
         return sum(1 << k for k, at in enumerate(places) if support >> at & all_of_one)
 
     @cached_property
     def n_times(self) -> int:
-        """Total number of statements that are executed for all blocks."""
+        """Number of executions of statements, summed over all blocks of columns."""
         return sum(self.blocks(node).bit_count() for node in self.statements)
 
     @property
@@ -113,7 +113,7 @@ class LinearMap:
         return len(self.results) * self.n_columns
 
     def columns(self, args: Sequence[Any]) -> list[Sequence[Any]]:
-        """Return the columns from the arguments of a ``map`` node."""
+        """Return the inputs of each column, extracted from the arguments of a ``map`` node."""
         n, first = self.n_inputs, self.n_shared
         return [args[first + n * j : first + n * (j + 1)] for j in range(self.n_columns)]
 
@@ -125,13 +125,13 @@ class LinearMap:
         return shared + [dag.symbol(COLUMN, i) for i in range(self.n_inputs)]
 
     def given_to(self, args: Sequence[Any]) -> list[list[Any]]:
-        """Return the values of :attr:`inputs` for each column from the arguments of the node."""
+        """Return the values of :attr:`inputs` for each column, from the arguments of the node."""
         return [[*args[: self.n_shared], *column] for column in self.columns(args)]
 
     def n_sensitive(self, args: Sequence[Node]) -> int:
-        """Count the leading inputs that are entries of the kernel argument ``s`` in all columns."""
+        """Return the number of leading column inputs that are entries of ``s`` in all columns."""
         columns, n = self.columns(args), 0
-        # C reads such inputs directly from ``s``; all others are gathered in rows.
+        # C reads such inputs directly from the kernel argument ``s`` and copies the other inputs.
         while n < self.n_inputs and _sensitivity(columns[0][n]) == n:
             n += 1
         places = range(self.n_columns * n)
@@ -161,16 +161,16 @@ def _sensitivity(node: Node) -> int:
 def form_map(
     dag: Dag, results: Sequence[Node], inputs: Sequence[Node], columns: Sequence[Sequence[Node]]
 ) -> tuple[LinearMap, tuple[Node, ...]] | None:
-    """Form a map of results that are linear and homogeneous in ``inputs``, and its shared values.
+    """Return a map of results that are linear and homogeneous in ``inputs``, and its shared values.
 
-    The map will be applied to ``columns``, whose zeros it exploits. Return None if an operation is
-    neither a sum nor a product: a linear system that is solved at run time, or a selection that
-    excludes undefined values, such as ``where(x > 0, sqrt(x), 0)``.
+    The zeros of ``columns``, to which the map will be applied, are exploited. Return None if the
+    results contain an operation that cannot be converted to sums and products, such as a linear
+    system whose matrix varies, or a selection of defined values: ``where(x > 0, sqrt(x), 0)``.
     """
     given = tuple(
         sum(1 << i for i, value in enumerate(column) if not value.is_zero) for column in columns
     )
-    # Inputs that are zero in all columns are first replaced by zero.
+    # Replace inputs that are zero in all columns, so that fewer statements remain.
     idle = {
         node: dag.zero for i, node in enumerate(inputs) if not any(bits >> i & 1 for bits in given)
     }
@@ -180,7 +180,7 @@ def form_map(
     results = products
     order = reachable(results)
     among = dependent(order, inputs)
-    # Values that depend on the column; all others are shared.
+    # Nodes that differ between columns; all other nodes are shared.
     varying = among - set(inputs)
     if not all(_is_linear(node, among) for node in varying):
         return None
@@ -211,8 +211,8 @@ def _is_linear(node: Node, varying: Container[Node]) -> bool:
 def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node] | None:
     """Convert divisions by shared values and selections with shared conditions to products.
 
-    Solutions of linear systems with shared matrices become sums of solutions for unit vectors. A
-    selection may exclude infinite or nan values, but a factor of zero does not: return None then.
+    Solutions of linear systems with shared matrices become sums of solutions for unit vectors.
+    Return None if a selection may exclude an infinite or nan value, since 0 * inf would be nan.
     """
     varying = set(inputs)
     unsafe: set[Node] = set()
@@ -226,12 +226,12 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
         varying.add(node)
         args = [made.get(arg, arg) for arg in node.args]
         if node.op == "div" and node.args[1] not in varying:
-            # All columns share the reciprocal.
+            # The reciprocal is computed once for all columns.
             made[node] = args[0] * (1.0 / args[1])
         elif node.op == "select" and node.args[0] not in varying:
             if any(arg in unsafe for arg in node.args[1:]):
                 return None
-            # The selection becomes a sum with the weights one and zero.
+            # Rewrite the selection as a sum with the weights 1 and 0.
             share = dag.select(args[0], dag.one, dag.zero)
             made[node] = share * args[1] + (1.0 - share) * args[2]
         elif node.op == "result" and _has_shared_matrix(node.args[0], varying):
@@ -239,10 +239,10 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
             if system not in inverses:
                 inverses[system] = _for_unit_vectors(system)
             n = system.data.size
-            # x = A^-1 b with the columns of the inverse, which all columns of the map share.
+            # x = A^-1 b; the columns of A^-1 are shared by all columns of the map.
             rhs = [made.get(arg, arg) for arg in system.args[n * n : n * n + n]]
             columns = [solution[node.data] for solution in inverses[system]]
-            # The results after the unknowns, such as the rank, depend only on the matrix.
+            # Results after the unknowns, such as the rank, do not depend on the right-hand side.
             made[node] = columns[0] if node.data >= n else _product(dag, columns, rhs)
         else:
             made[node] = dag.rebuild(node, tuple(args))
@@ -282,19 +282,19 @@ def apply_map(
     return [flat[n * j : n * (j + 1)] for j in range(linear.n_columns)]
 
 
-#: Fraction of the largest entry or of the reference below which pivots count as zero.
+#: Pivots count as zero below this fraction of the largest entry or of the reference.
 RANK_TOLERANCE = 1e-13
 
-#: Ratio of the singular values above which a matrix certainly has full rank.
+#: A matrix certainly has full rank if its extreme singular values have a larger ratio.
 _REGULAR = 1e-6
 
-#: An unknown is determined if its entries in the basis of the null space are below this.
+#: An unknown is unique if its entries in the basis of the null space are below this.
 NULL_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class SolveShape:
-    """Size of a linear system, and requirements on its solution."""
+    """Size of a linear system, and the requirements that its solution must meet."""
 
     size: int  # number of unknowns of the solve
     n_determined: int  # number of leading unknowns that must be unique
@@ -308,9 +308,9 @@ class Function:
 
     name: str  # name of ``int name(const double *arguments, double *results)`` in C
     n_results: int  # number of results of the function
-    #: The same function in Python, from a sequence of floats to a sequence of floats.
+    #: The same function in Python; arguments and results are sequences of floats.
     evaluate: Callable[[Sequence[Any]], Sequence[Any]] = field(compare=False)
-    #: Returns the Jacobian as n_results rows of n_arguments entries.
+    #: Function that returns the Jacobian as n_results rows of n_arguments entries.
     partials: Function | None = None
 
 
@@ -321,22 +321,22 @@ def solve_pivoted(
 
     If pivots are below the tolerance times the largest entry, the solution has minimum norm. Rows
     without a pivot are ignored, which is correct for consistent systems. ``reference`` is the
-    magnitude of the terms in the entries before cancellation. Return the solution, the number of
-    accepted pivots, and whether the leading unknowns are unique.
+    magnitude of the terms whose sums are the entries, before cancellation. Return the solution, the
+    number of accepted pivots, and whether the leading unknowns are unique.
     """
     a = np.array(matrix)
     b = np.array(rhs, dtype=np.result_type(a, rhs))
     n = len(b)
     columns = list(range(n))
-    # Real parts determine the pivots, so that complex steps do not change them.
+    # Compare real parts only, so that complex steps select the same pivots.
     shape = shape or SolveShape(n, n)
     smallest = shape.tolerance * np.max(np.abs(a.real), initial=reference)
     rank = 0
     for k in range(n):
-        # Complete pivoting yields the most reliable rank.
+        # Complete pivoting determines the rank most reliably.
         place = int(np.argmax(np.abs(a[k:, k:].real)))
         row, column = k + place // (n - k), k + place % (n - k)
-        # negated, so that nan ends the elimination
+        # negated so that nan ends the elimination
         if not abs(a[row, column].real) > smallest:
             break
         a[[k, row]], b[[k, row]] = a[[row, k]], b[[row, k]]
@@ -346,7 +346,7 @@ def solve_pivoted(
         a[k + 1 :, k:] -= np.outer(factors, a[k, k:])
         b[k + 1 :] -= factors * b[k]
         rank += 1
-    # Rows after the last pivot are rounding errors if the system is consistent, and are ignored.
+    # If the system is consistent, rows after the last pivot are rounding errors: ignore them.
     upper = np.triu(a[:rank, :rank])
     solution = np.zeros(n, dtype=b.dtype)
     solution[columns[:rank]] = np.linalg.solve(upper, b[:rank]) if rank else b[:0]
@@ -371,17 +371,17 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     reference = complex(values[-1]).real
     rhs = np.array(values[n * n : n * n + n])
     sizes = np.real(np.array(values[n * n + n : -1]))
-    # Rows of size zero, such as a constraint that no motion violates in a position, become zero.
+    # A size is zero if, for example, no motion violates a constraint: such a row is scaled by zero.
     scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
     scales = scales if sizes.size else np.ones(n)
-    # With S = diag(scales): S A S y = S b and x = S y; in a singular system, y has minimum norm.
+    # With S = diag(scales), solve S A S y = S b; x = S y. If A is singular, y has minimum norm.
     scaled = scales[:, None] * matrix * scales
     solution, rank, is_determined = solve_pivoted(scaled, scales * rhs, reference, data)
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]
 
 
 def _solve_regular(data: SolveShape, points: Any, found: Any) -> Any:
-    """Solve regular systems together; return the numbers of the other finite points."""
+    """Solve all regular systems at once; return the indices of the other finite systems."""
     n = data.size
     matrices, rhs = points[:, : n * n].reshape(-1, n, n), points[:, n * n : n * n + n]
     is_finite = np.isfinite(points).all(axis=1)
@@ -401,7 +401,7 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
         return [table.y[0], 0.0]
     if place >= table.x[-1]:
         return [table.y[-1], 0.0]
-    # As in C, nan uses the first interval, and the result is nan.
+    # As in C, nan selects the first interval; the result is nan.
     k = 0 if math.isnan(place) else bisect.bisect_right(table.x, place) - 1
     slope = (table.y[k + 1] - table.y[k]) / (table.x[k + 1] - table.x[k])
     return [table.y[k] + slope * (x - table.x[k]), slope]
@@ -421,15 +421,15 @@ def solve(
     shape: SolveShape | None = None,
     sizes: Sequence[Node] = (),
 ) -> tuple[Node, ...]:
-    """Form the n unknowns of a small dense linear system, its rank, and one if they are accepted.
+    """Form the solution of a small dense linear system, its rank, and 1 if it is accepted, else 0.
 
-    ``reference`` is the magnitude of the terms in the entries before cancellation, for the rank.
-    ``shape`` has the number of leading unknowns that must be unique, by default all; others may be
-    redundant. If ``sizes`` has a scale for each diagonal entry, rows and columns are divided by the
-    square roots of these scales before pivoting.
+    ``reference`` is the magnitude of the terms in the entries before cancellation; it scales the
+    tolerance of the rank. ``shape`` has the number of leading unknowns that must be unique, by
+    default all; others may be redundant. If ``sizes`` has a scale for each diagonal entry, rows and
+    columns are divided by the square roots of these scales before pivoting.
     """
     n = len(rhs)
-    # sizes_of, is_symmetric, the derivatives and the C statements rely on this layout.
+    # This layout is assumed by sizes_of, is_symmetric, the derivatives and the C statements.
     args = [*(entry for row in matrix for entry in row), *rhs, *sizes, reference or dag.zero]
     shape = shape or SolveShape(n, n)
     return dag.several("solve", args, shape, n + 2)
@@ -457,7 +457,7 @@ def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
 
 
 def call(dag: Dag, function: Function, args: Sequence[Node]) -> tuple[Node, ...]:
-    """Form the results of an external function."""
+    """Form a call of an external function, and return its results."""
     return dag.several("call", args, function, function.n_results)
 
 
@@ -475,9 +475,9 @@ def results(node: Node, n_results: int) -> tuple[Node, ...]:
 class Several:
     """An operation with several results."""
 
-    #: Maps (data, argument values) to result values.
+    #: Function from (data, argument values) to result values.
     evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]]
-    n_results: Callable[[Any], int]  # number of results, as a function of data
+    n_results: Callable[[Any], int]  # number of results, a function of data
 
 
 def _pointwise(
@@ -487,7 +487,7 @@ def _pointwise(
 ) -> Several:
     """Extend a function of numbers to arrays of n points; undefined results are nan.
 
-    ``together`` computes results of several points, and returns the numbers of the other ones.
+    ``together`` solves several points at once and returns the indices of the remaining points.
     """
 
     def evaluate(data: Any, values: Sequence[Any]) -> Sequence[Any]:

@@ -2,9 +2,9 @@
 
 A :class:`Dag` is a graph. A node is formed by an operator on nodes (``a * b + c``) or by a method
 of the graph (``dag.function("sin", a)``). Forming the same value twice returns the same node, so
-there are no repeated subexpressions. Constants fold, ``x*0`` and ``x+0`` vanish, ``x*(1/x)`` is
-one, ``x+(y-x)`` is ``y``, negations move towards the result. Arguments have smaller indices than
-the nodes that use them, so ascending indices are a valid order of evaluation.
+there are no repeated subexpressions. Constants are folded, ``x*0`` becomes zero, ``x+0`` becomes
+``x``, ``x*(1/x)`` one and ``x+(y-x)`` ``y``; negations move towards the result. Arguments have
+smaller indices than the nodes that use them, so ascending indices are a valid order of evaluation.
 
 The symbols of :data:`ARGUMENT_OF` are kernel arguments. All others are placeholders for values that
 are substituted later.
@@ -48,7 +48,7 @@ class Node:
         self.args = args
         self.data = data
         self.value = value
-        self.section = dag.section  # label under which the value was first formed
+        self.section = dag.section  # label of the section in which the value was first formed
         self.index = len(dag.nodes)
         dag.nodes.append(self)
 
@@ -104,7 +104,7 @@ class Node:
 class Dag:
     """An expression graph of interned nodes.
 
-    ``section`` is the label of new nodes; ``suffix`` is appended to every label. ``origins`` maps
+    ``section`` is the label of new nodes; ``suffix`` is appended to the labels. ``origins`` maps
     nodes to descriptions for messages, such as "resistance of edge 'R1'"; ``formed`` is the cache
     of :func:`cotree.dag.dual.formed`.
     """
@@ -124,7 +124,7 @@ class Dag:
 
     @contextmanager
     def labelled(self, section: str) -> Iterator[None]:
-        """Label the nodes formed inside the ``with`` block."""
+        """Label the nodes that are formed inside the ``with`` block."""
         previous, self.section = self.section, section + self.suffix
         try:
             yield
@@ -133,12 +133,12 @@ class Dag:
 
     def note_origin(self, node: Node, origin: str) -> None:
         """Record the origin of a value for messages, unless it already has one."""
-        if node.args:  # constants and symbols have no origin, since many edges share them
+        if node.args:  # constants and symbols are skipped: many edges share them
             self.origins.setdefault(node, origin)
 
     def constant(self, value: float) -> Node:
         """Return the node of a finite number."""
-        value = float(value) + 0.0  # turns -0.0 into 0.0, so that zero has one node
+        value = float(value) + 0.0  # turns -0.0 into 0.0, so that zero is a single node
         node = self._interned.get(value)
         if node is None:
             if not math.isfinite(value):
@@ -237,7 +237,7 @@ class Dag:
             return self.neg(self.mul(a.args[0], b))
         if b.op == "neg":
             return self.neg(self.mul(a, b.args[0]))
-        if b.value is not None:  # _scale relies on constants being the first factor
+        if b.value is not None:  # _scale requires that constants are the first factor
             a, b = b, a
         if a.value is not None:
             return self._scale(a.value, a, b)
@@ -268,7 +268,7 @@ class Dag:
                 raise ZeroDivisionError("division by zero")
             if a.value is not None:
                 return self.constant(a.value / b.value)
-            return self.mul(self.constant(1.0 / b.value), a)  # faster, but rounded twice
+            return self.mul(self.constant(1.0 / b.value), a)  # faster, but rounds twice
         if a is self.zero:
             return a
         if a is b:
@@ -290,12 +290,12 @@ class Dag:
         return self._intern("neg", (a,))
 
     def pow(self, a: Node, exponent: Node) -> Node:
-        """Form a**exponent, with products for integers and a square root for one half."""
+        """Form a**exponent: products for integer exponents, a square root for one half."""
         power = exponent.value
         if power is not None:
             if a.value is not None:
                 return self.constant(folded("pow", a.value, power))
-            if power == int(power) and abs(power) <= 64:  # exponent 64 takes at most ten products
+            if power == int(power) and abs(power) <= 64:  # at most ten products
                 return self._integer_power(a, int(power))
             if power == 0.5:
                 return self.function("sqrt", a)
@@ -314,7 +314,7 @@ class Dag:
         return result
 
     def function(self, name: str, *args: Node) -> Node:
-        """Form a function of :data:`OPERATIONS`, and fold constants and signs.
+        """Form a function of :data:`OPERATIONS`; constants are folded and signs simplified.
 
         Raise ValueError or OverflowError if its value at constants is nan or infinite.
         """
@@ -337,7 +337,7 @@ class Dag:
         return self._intern("select", (condition, accepted, refused))
 
     def several(self, op: str, args: Sequence[Node], data: Any, n_results: int) -> tuple[Node, ...]:
-        """Create a node with several results, described by ``data``, and return the results."""
+        """Form a node with several results, described by ``data``, and return the results."""
         node = self._intern(op, tuple(args), data)
         return tuple(self._intern("result", (node,), position) for position in range(n_results))
 
@@ -356,7 +356,7 @@ _by_index = attrgetter("index")
 
 
 def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
-    """Return the roots and all nodes that they need, in order; follow no arguments of ``stop``."""
+    """Return the roots and all nodes they depend on, in order; ``stop`` nodes are not expanded."""
     found = set(roots)
     stack = list(found)
     while stack:
@@ -367,12 +367,12 @@ def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
             if arg not in found:
                 found.add(arg)
                 stack.append(arg)
-    # A node is formed after its arguments, so indices are in order of evaluation.
+    # A node has a larger index than its arguments.
     return sorted(found, key=_by_index)
 
 
 def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
-    """Return the sources and the nodes that depend on them; ``nodes`` are in evaluation order."""
+    """Return the sources and the nodes that depend on them; ``nodes`` is in evaluation order."""
     marked = set(sources)
     for node in nodes:
         if any(arg in marked for arg in node.args):
@@ -381,10 +381,10 @@ def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
 
 
 def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[Node]:
-    """Return the roots after replacing nodes; values that do not depend on them are unchanged."""
+    """Return the roots with nodes replaced; nodes that do not depend on them are not copied."""
     roots = list(roots)
     new: dict[Node, Node] = dict(replacement)
-    # The traversal ends at replaced nodes; their arguments are visited only along other paths.
+    # Replaced nodes are not expanded, so only the required part of the graph is rebuilt.
     for node in reachable(roots, stop=replacement):
         if node in replacement:
             continue
@@ -395,7 +395,7 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
 
 
 def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
-    """Return different substitutions, each of which makes a value zero."""
+    """Return alternative substitutions, each of which makes a value zero."""
     dag = value.dag
     ways: list[dict[Node, Node]] = [{value: dag.zero}]
     while value.op == "neg" or (value.op == "mul" and value.args[0].value is not None):
@@ -404,14 +404,14 @@ def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
     if value.op in ("add", "sub"):
         a, b = value.args
         for one, other in ((a, b), (b, a)):
-            # A term may be replaced by the other one unless it occurs in the other one.
+            # Replace a term by the other one, unless the other one contains it.
             if one.value is None and one not in reachable([other]):
                 ways.append({value: dag.zero, one: -other if value.op == "add" else other})
     return ways
 
 
 def formed_in(dag: Dag, root: Node, replacement: Mapping[Node, Node]) -> Node:
-    """Return a node of another graph in ``dag``, with its symbols replaced."""
+    """Return a node of another graph as a node of ``dag``, with its symbols replaced."""
     new = dict(replacement)
     for node in reachable([root]):
         if node.value is not None:
@@ -433,7 +433,7 @@ def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
 
 
 def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, int]:
-    """Return each node's bits and its arguments' bits; arguments come first in ``order``."""
+    """Return the bits of each node: its own and its arguments'; ``order`` is evaluation order."""
     found = dict(own)
     for node in order:
         bits = found.get(node, 0)
@@ -446,7 +446,7 @@ def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, in
 def symbols_of_each(
     roots: Sequence[Node], among: Container[Node] | None = None
 ) -> list[list[Node]]:
-    """Return the symbols on which each root depends, only those in ``among`` unless it is None."""
+    """Return the symbols on which each root depends; only those in ``among`` unless it is None."""
     walk = reachable(roots)
     symbols = [node for node in walk if node.op == "symbol" and (among is None or node in among)]
     masks = supports_of(walk, {node: 1 << i for i, node in enumerate(symbols)})
@@ -470,20 +470,20 @@ INPUT = "u"
 PARAMETER = "p"
 #: Symbol of the derivative of state i with respect to parameter or initial value j; index j n + i.
 SENSITIVITY = "s"
-#: The same symbol, numbered without derivatives that are identically zero.
+#: The same, but numbered without the derivatives that are identically zero.
 PACKED_SENSITIVITY = "packed"
 #: Symbol of the rate of a state, in derivatives along the motion.
 STATE_RATE = "rate"
-#: Symbol of a component of the direction along which a kernel computes derivatives.
+#: Symbol of a component of the direction in directional derivatives.
 DIRECTION = "v"
-#: Symbol of a branch that is frozen during a step: the sign of a condition, or the number of an
-#: interval in a table; zero if none is frozen. Kernels read it from the prepared values.
+#: Symbol of a branch that is frozen during a step: sign of a condition, or number of an interval of
+#: a table; zero if it is not frozen. Kernels read it from the prepared values.
 PIECE = "piece"
 
-#: Symbol of a bound of a quantity, or of its rate, over a part of a step.
+#: Symbol of a lower or upper bound of a quantity, or of its rate, within part of a step.
 RANGE = "range"
 
-#: Name of the kernel argument that contains the values of each kind of symbol.
+#: Name of the kernel argument that contains the symbols of each kind.
 ARGUMENT_OF = {
     TIME: "t",
     STATE: "x",
@@ -497,29 +497,29 @@ ARGUMENT_OF = {
     PIECE: "k",
 }
 
-#: Symbol of the change of state i, and of sensitivity parameter j, along any direction.
+#: Symbol of the change of state i or sensitivity parameter j along a direction.
 STATE_CHANGE = "dx"
 PARAMETER_CHANGE = "dp"
-#: Symbol of the change of an input, and of a tunable parameter, in a linearisation.
+#: Symbol of the change of an input or of a tunable parameter in a linearisation.
 INPUT_CHANGE = "du"
 TUNED_CHANGE = "dtuned"
-#: Symbol of an explicit derivative with respect to the parameter, at constant states.
+#: Symbol of an explicit derivative with respect to a parameter, at constant states.
 SOURCE = "source"
-#: Symbol of an acceleration or multiplier, and of its derivative along a direction.
+#: Symbol of an acceleration or multiplier, or of its derivative along a direction.
 UNKNOWN = "w"
 UNKNOWN_CHANGE = "dw"
-#: Symbol of a right-hand side entry, for which a map or a sparsity pattern is formed.
+#: Symbol of a right-hand side entry of which a map or a sparsity pattern is formed.
 ENTRY = "own"
 #: Symbol of an argument of a law.
 ARGUMENT = "argument"
-#: Symbol of Newton's correction of an algebraic unknown.
+#: Symbol of the Newton step of an algebraic unknown.
 STEP = "step"
 #: Symbol of an across variable that occurs in a field.
 MEASURED = "measured"
-#: Symbol of a value shared by all columns of a map, and of a value of one column.
+#: Symbols of a value that all columns of a map share, and of a value of one column.
 SHARED = "shared"
 COLUMN = "column"
-#: Symbol of the change of an input of a column, or of the weight of a result.
+#: Symbol of the change of a map's input, or of the weight of a map's result.
 CHANGE = "change"
 
 
@@ -528,8 +528,8 @@ def kinds_in(roots: Iterable[Node]) -> set[str]:
     return {symbol.data[0] for symbol in symbols_in(roots)}
 
 
-# A node is pickled as its index, and a graph as a flat list: ordinary pickling would recurse to the
-# depth of the graph and exceed Python's stack limit.
+# A node is pickled as its index and a graph as a flat list, because recursive pickling of a deep
+# graph would exceed Python's stack limit.
 def _node_at(dag: Dag, index: int) -> Node:
     return dag.nodes[index]
 
@@ -544,7 +544,7 @@ def _reduced_dag(dag: Dag) -> tuple[Any, ...]:
         for node in dag.nodes
     ]
     origins = {node.index: origin for node, origin in dag.origins.items()}
-    # Nodes are interned when they are formed, so keys and nodes have the same order.
+    # The dictionary of interned nodes has one key per node, in the order of the nodes.
     return _dag_of, (rows, list(dag._interned), origins)
 
 
@@ -554,7 +554,7 @@ def _dag_of(rows: list[tuple[Any, ...]], keys: list[Any], origins: dict[int, str
     dag.nodes.clear()
     dag._interned.clear()
     for (op, args, data, value, section), key in zip(rows, keys, strict=True):
-        # The constants zero and one are the graph's first nodes, and its attributes.
+        # Every graph begins with the constants zero and one, which are also attributes.
         if value in (0.0, 1.0):
             node = one if value else zero
             node.index = len(dag.nodes)

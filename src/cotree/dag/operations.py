@@ -1,11 +1,12 @@
 """Table of the scalar operations: arguments, evaluation and C text of each.
 
-Python's functions raise an error if there is no result, as for ``1/0``, ``exp(1000)`` and
-``log(-1)``. The functions in this module return infinities and nan, with the signs of C, so that an
-irrelevant overflow, as in ``1/(1 + exp(1000))``, has no effect.
+Python's functions raise an error for ``1/0``, ``exp(1000)`` and ``log(-1)``. The functions in this
+module return infinities and nan as in C, including signs. A harmless overflow, as in ``1/(1 +
+exp(1000))``, is then no error.
 
-Sums, differences, products, quotients and negations are arithmetic; all others are function calls.
-Partial derivatives are in :mod:`cotree.dag.derivative`, since they are built from nodes.
+Sums, differences, products, quotients and negations are operators in C; all other operations are
+function calls. Partial derivatives are expressions of nodes and are in
+:mod:`cotree.dag.derivative`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def divide(a: float, b: float) -> float:
-    """Return a / b: infinity if only b is zero, nan if both are zero."""
+    """Return a / b as in C: infinity if only b is zero, nan if both are zero."""
     try:
         return a / b
     except ZeroDivisionError:
@@ -38,18 +39,18 @@ def power(a: float, b: float) -> float:
     try:
         return math.pow(a, b)
     except OverflowError:
-        # The parity of the exponent determines the sign.
+        # An odd exponent keeps the sign of the base.
         return math.copysign(math.inf, a) if _is_odd(b) else math.inf
     except ValueError:
         # A negative base with a fractional exponent is undefined. Zero with a negative exponent is
-        # a pole, which has the sign of the zero for odd exponents.
+        # a pole; for odd exponents, the result has the sign of the zero.
         if a != 0.0:
             return math.nan
         return math.copysign(math.inf, a) if _is_odd(b) else math.inf
 
 
 def logarithm(x: float) -> float:
-    """Return the natural logarithm, which is minus infinity at zero and nan below."""
+    """Return the natural logarithm: minus infinity at zero, nan for negative arguments."""
     try:
         return math.log(x)
     except ValueError:
@@ -57,7 +58,7 @@ def logarithm(x: float) -> float:
 
 
 def floor(x: float) -> float:
-    """Round down; zeros, infinities and nan are unchanged."""
+    """Round down as in C: zeros, infinities and nan are unchanged."""
     return float(math.floor(x)) if x and math.isfinite(x) else x
 
 
@@ -90,10 +91,10 @@ Scalar = Any  # float, complex, or a numpy array of either
 class Operation:
     """A scalar operation."""
 
-    name: str  # name in graphs
+    name: str  # name of the operation in graphs
     arity: int  # number of arguments of the operation
-    #: Evaluation for floats, complex numbers and numpy arrays. For floats it raises no errors, but
-    #: returns the same as C (:mod:`cotree.dag.operations`).
+    #: Evaluation for floats, complex numbers and numpy arrays. For floats, the results are those of
+    #: C, including infinities and nan, and no errors are raised.
     real: Callable[..., Scalar]
     complex_: Callable[..., Scalar]
     array: Callable[..., Scalar]
@@ -105,15 +106,15 @@ def _sign(x: float) -> float:
     return float((x > 0.0) - (x < 0.0))
 
 
-# For complex steps only: the real part selects branches, the imaginary part is infinitesimal.
+# For complex steps only: real parts select branches, imaginary parts are infinitesimal.
 def _complex_atan2(y: complex, x: complex) -> complex:
     y0, x0 = complex(y).real, complex(x).real
-    # The directions differ infinitesimally: the arctangent remains on its principal branch.
+    # The two directions differ infinitesimally, so the arctangent is on its principal branch.
     return math.atan2(y0, x0) + cmath.atan((x0 * y - y0 * x) / (x0 * x + y0 * y))
 
 
 def _complex_erf(x: complex) -> complex:
-    """Return erf for complex numbers to first order, which suffices for complex steps."""
+    """Return erf of a complex number to first order in the imaginary part, for complex steps."""
     x0 = complex(x).real
     slope = 2.0 / math.sqrt(math.pi) * math.exp(-x0 * x0)
     return complex(math.erf(x0), slope * complex(x).imag)
@@ -125,7 +126,7 @@ def _array_erf(x: Scalar) -> Scalar:
 
 
 def _select(condition: float, accepted: float, refused: float) -> float:
-    # As in C, comparisons with nan are false, so the second value is returned.
+    # As in C, a comparison with nan is false: the refused value is returned.
     return accepted if condition >= 0.0 else refused
 
 
@@ -138,7 +139,7 @@ def _array_select(condition: Scalar, accepted: Scalar, refused: Scalar) -> Scala
 
 
 def _array_sign(x: Scalar) -> Scalar:
-    """Return the sign; the sign of nan is zero, as in C but not in NumPy."""
+    """Return the sign; as in C, and unlike NumPy, the sign of nan is zero."""
     return np.subtract(np.real(x) > 0.0, np.real(x) < 0.0, dtype=float)
 
 
@@ -156,7 +157,7 @@ _ROWS = (
     _arithmetic("add", 2, operator.add, "{0} + {1}"),
     _arithmetic("sub", 2, operator.sub, "{0} - {1}"),
     _arithmetic("mul", 2, operator.mul, "{0} * {1}"),
-    # Division is the only arithmetic operator of Python that may raise an error for floats.
+    # Of Python's arithmetic operators, only division can raise an error for floats.
     Operation("div", 2, divide, operator.truediv, operator.truediv, "{0} / {1}", is_call=False),
     _arithmetic("neg", 1, operator.neg, "-{0}"),
     *(_function(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan")),
@@ -170,7 +171,7 @@ _ROWS = (
         _sign,
         lambda x: _sign(complex(x).real),
         _array_sign,
-        # The same comparisons as in the Python function, so that the sign of nan is zero in both.
+        # The same comparisons as in Python, so that the sign of nan is zero in C too.
         "(double)(({0} > 0.0) - ({0} < 0.0))",
     ),
     Operation("floor", 1, floor, lambda x: math.floor(complex(x).real), np.floor, "floor({0})"),

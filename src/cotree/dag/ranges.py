@@ -1,10 +1,10 @@
 """Ranges of values: interval arithmetic with nodes.
 
-In: values, and the range of each quantity on which they depend. Out: for each value, two nodes that
-bound it while the quantities are within their ranges. A range may be too wide, since arguments are
-treated as independent; it shrinks to the value with the ranges of the quantities. If a value has no
-bounds, such as a quotient whose divisor may be zero, the ends of its range are :data:`ENDLESS`, or
-nan, so that no comparison is true.
+The range of a value is given by two nodes, which bound the value while the quantities on which it
+depends are within their own ranges. A range may be too wide, since arguments are treated as
+independent; it shrinks to the value as the ranges of the quantities shrink. A value without bounds,
+such as a quotient whose divisor may be zero, has a range with the ends :data:`ENDLESS`, or nan, for
+which all comparisons are false.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
         if node.op == "result":
             found[node] = _of_table(node, found[node.args[0]])
         elif isinstance(node.data, Table):
-            found[node] = found[node.args[0]]  # range of the argument; results read it
+            found[node] = found[node.args[0]]  # its results have the same range
         else:
             found[node] = _RULES[node.op](node, [found.get(arg, (arg, arg)) for arg in node.args])
     return [found.get(root, (root, root)) for root in roots]
@@ -95,13 +95,13 @@ def _of_quotient(node: Node, given: Sequence[Range]) -> Range:
         return _hull([a / c, b / c])
     if c.is_zero or d.is_zero:
         return _endless(node.dag)
-    # The divisor has no zero if the product of its ends is positive.
+    # The product of the ends of the divisor is positive if the divisor cannot be zero.
     corners = _hull([x / y for x in (a, b) for y in (c, d)])
     return _where(-(c * d), _endless(node.dag), corners)
 
 
 def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
-    """Return the range of a function that decreases up to zero and increases beyond."""
+    """Return the range of a function that decreases for x < 0 and increases for x > 0."""
     low, high = given
     ends = function(low), function(high)
     least = dag.select(low, ends[0], dag.select(-high, ends[1], function(dag.zero)))
@@ -109,7 +109,7 @@ def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
 
 
 def _of_wave(node: Node, given: Sequence[Range]) -> Range:
-    """Return the range of a sine or cosine, including extrema within the range of its argument."""
+    """Return the range of a sine or cosine; extrema within the argument's range count."""
     dag, (low, high) = node.dag, given[0]
     ends = [dag.function(node.op, end) for end in (low, high)]
     first = 0.25 if node.op == "sin" else 0.0  # position of the maximum, in periods
@@ -137,7 +137,7 @@ def _of_increasing(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _within(given: Range, low: float, high: float) -> Range:
-    """Clip a range to the domain of a function."""
+    """Return a range clipped to the domain of a function."""
     dag = given[0].dag
     a, b = (_least([_largest([end, dag.constant(low)]), dag.constant(high)]) for end in given)
     return a, b
@@ -149,7 +149,7 @@ def _of_arc(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_angle(node: Node, given: Sequence[Range]) -> Range:
-    """Return the range of atan2 from corners: -pi to pi if the jump or the origin may be within."""
+    """Return the range of atan2: from corners, or -pi to pi if it may jump or be undefined."""
     dag, (y, x) = node.dag, given
     corners = _hull([dag.function("atan2", a, b) for a in y for b in x])
     anything = dag.constant(-math.pi), dag.constant(math.pi)
@@ -184,7 +184,7 @@ def _of_table(node: Node, given: Range) -> Range:
         for end in given
     ]
     if place == 1:
-        slopes = [*slopes, 0.0]  # the slope is zero outside the table
+        slopes = [*slopes, 0.0]  # outside the table
         of_all = dag.constant(min(slopes)), dag.constant(max(slopes))
         # The slope in a frozen interval is constant.
         return (
@@ -192,7 +192,7 @@ def _of_table(node: Node, given: Range) -> Range:
         )
     if place > 1 or min(slopes) >= 0.0 or max(slopes) <= 0.0:
         return _hull(ends)  # the function is monotonic
-    # Largest deviation from the mean of both ends: half the width times the steepest slope.
+    # Half the width times the steepest slope bounds the deviation from the mean of the ends.
     steepest = max(map(abs, slopes))
     mean = 0.5 * (ends[0] + ends[1])
     reach = 0.5 * steepest * (given[1] - given[0])
@@ -213,7 +213,7 @@ _RULES: dict[str, Callable[[Node, Sequence[Range]], Range]] = {
     "asin": _of_arc,
     "acos": _of_arc,
     "atan2": _of_angle,
-    # Bounds are nan if the base may be negative, even with an integer exponent.
+    # Bounds are nan if the base may be negative, even for integer exponents.
     "pow": lambda node, given: _hull([node.dag.pow(a, b) for a in given[0] for b in given[1]]),
     "select": _of_selection,
     "abs": lambda node, given: _of_even(node.dag, given[0], partial(node.dag.function, "abs")),

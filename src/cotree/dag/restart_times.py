@@ -21,7 +21,7 @@ class RestartTimes:
     slopes: FloatArray  # derivatives of the times along each direction
     #: Largest difference between the derivatives of coinciding time events.
     spreads: FloatArray
-    #: Largest magnitude of the first times of periodic events, [s], for rounding errors.
+    #: Largest magnitude of the first times of periodic events, [s]; it scales rounding errors.
     scale: float = 0.0
 
     def __len__(self) -> int:
@@ -29,17 +29,17 @@ class RestartTimes:
 
     @classmethod
     def none(cls) -> RestartTimes:
-        """Return an object without times."""
+        """Return an instance without times."""
         return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
 
     @property
     def moved(self) -> RestartTimes:
-        """The time events with a nonzero derivative, and those that coincide with one."""
+        """Time events with a nonzero derivative, or coinciding with an event that has one."""
         moves = (self.slopes != 0.0).any(axis=1) | (self.spreads != 0.0).any(axis=1)
         return RestartTimes(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
 
     def rows_at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return a mask of the times that are time events, and slopes and spreads of all times."""
+        """Return whether each time is a time event, and the slopes and spreads of all times."""
         shape = (len(times), self.slopes.shape[1])
         slopes, spreads, places = np.zeros(shape), np.zeros(shape), np.zeros(len(times), bool)
         if len(self):

@@ -1,10 +1,10 @@
 """Times at which values jump or have a kink, determined from their nodes.
 
-A condition that depends only on time and parameters (the argument of a selection, a sign, an
-absolute value, a floor or a table) changes at times that are known before a run if it is linear in
-time, or linear in the time since the last whole period. Integration restarts at these times, so
-that no pulse is missed and no step contains a kink. Kinks of other conditions are located during
-steps (:mod:`cotree.program.surfaces`).
+A condition is the argument of a selection, a sign, an absolute value, a floor or a table. If it
+depends only on time and parameters, and is linear in time or in the time since the start of the
+current period, the times at which it changes are known before a run. Integration restarts at these
+times, so that no pulse is missed and no step contains a kink. Kinks of other conditions are located
+during steps (:mod:`cotree.program.surfaces`).
 
 If a law acts only during a part of each period, such as a diode driven by a sine, a long step may
 miss this part and the kink in it. Steps are then limited to a fraction of the period.
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Operations that may jump or have a kink at certain values of their first argument.
+#: Operations that jump or have a kink at certain values of their first argument.
 _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 
-#: Operations that may be nearly zero during most of a period; those of states limit the step size.
+#: Operations that may be nearly zero during most of a period; if states enter, steps are limited.
 _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 
-#: Minimum number of steps per period of a sine of time if there is such an operation. A rectifier
-#: conducts for at least a twentieth of the period.
+#: Minimum number of steps per period of a sine of time in this case: a rectifier conducts for at
+#: least a twentieth of the period.
 _SHARES = 32.0
 
-#: Maximum number of linear pieces of a value; kinks of other values are left to the error test.
+#: Maximum number of linear pieces of a value; the error test of steps handles all other kinks.
 _MOST_PIECES = 16
 
 
@@ -45,14 +45,14 @@ class TimeEvent:
 
     first: Node  # function of parameters
     period: Node | None = None  # function of parameters; None for a single time
-    starts: bool = False  # whether ``first`` is the earliest time, so that k starts at zero
+    starts: bool = False  # whether the events begin at ``first``, so that k >= 0
     #: Derivatives of ``first`` and of the period along each direction.
     along: tuple[tuple[Node, Node], ...] = ()
 
 
 @dataclass(frozen=True)
 class _Count:
-    """A number of periods: ``floor(offset + rate * t)``, or zero before its start if ``starts``."""
+    """A number of periods, ``floor(offset + rate * t)``; zero before its start if ``starts``."""
 
     offset: Node
     rate: Node
@@ -63,7 +63,7 @@ class _Count:
 class _Line:
     """The function ``offset + rate * t + step * count``; if ``starts``, zero before its root.
 
-    A selection between lines has the time events of all lines: maybe too many, but never too few.
+    The time events of all branches of a selection are used: maybe too many, but never too few.
     """
 
     offset: Node
@@ -87,14 +87,14 @@ def time_events_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Time
     found: dict[Node, tuple[TimeEvent, ...]] = {}
     for node in order:
         if node.op in _LOOKING:
-            # Nodes that are missing in ``pieces`` are not known functions of time.
+            # Only nodes in ``pieces`` are known functions of time.
             own = (_stops(node, line) for line in pieces.get(node.args[0], ()))
             found[node] = tuple(dict.fromkeys(chain.from_iterable(own)))
     return found
 
 
 def is_cut(node: Node) -> bool:
-    """Return whether every time-dependent part of a value is piecewise linear in time.
+    """Return whether all time-dependent parts of a value are piecewise linear in time.
 
     Integration then restarts at every change of a condition that depends on the value.
     """
@@ -105,7 +105,7 @@ def is_cut(node: Node) -> bool:
 
 
 def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
-    """Return the longest step size for each sine of time, as nodes that may be negative."""
+    """Return the step size limit for each sine of time, as nodes whose sign may be negative."""
     order = reachable(roots)
     waves = [node for node in order if node.op in ("sin", "cos")]
     pieces = _all_pieces(dag, order) if waves else {}
@@ -128,7 +128,7 @@ def acts_in_part(roots: Iterable[Node]) -> bool:
 
 
 def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]]:
-    """Return the lines of all nodes that are piecewise linear in time with few pieces."""
+    """Return the lines of all nodes that are piecewise linear in time and have few pieces."""
     pieces: dict[Node, tuple[_Line, ...]] = {}
     # States, inputs and unknowns are known only during a run.
     others = [n for n in order if n.op == "symbol" and n.data[0] not in ("p", "t")]
@@ -143,7 +143,7 @@ def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]
 def _pieces(
     dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]], is_moving: bool
 ) -> tuple[_Line, ...]:
-    """Return a node's lines, of states only in branches of a selection; empty if it has none."""
+    """Return a node's lines; empty if the node is not piecewise linear in time."""
     zero = dag.zero
     if node.value is not None or (node.op == "symbol" and node.data[0] == "p"):
         return (_Line(node, zero, zero),)
@@ -163,15 +163,15 @@ def _pieces(
         return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))
     if node.op == "sign":
         return tuple(_Line(dag.constant(value), zero, zero) for value in (-1.0, 0.0, 1.0))
-    # Any combination of the arguments' pieces may occur.
+    # Combine each piece of one argument with each piece of the others.
     made = [_line(dag, node, choice) for choice in product(*rows)]
     return tuple(dict.fromkeys(line for line in made if line is not None))
 
 
 def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
-    """Return the linear functions of time of the branches of a selection."""
+    """Return the lines of both branches of a selection."""
     condition, accepted, refused = node.args
-    # max(x, 0), as in sources with a delay, is a line that starts at its root.
+    # max(x, 0), which occurs in sources with a delay, is a line that starts at its root.
     if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:
         (clipped,) = pieces[accepted]
         if clipped.count is None and not clipped.starts:
@@ -204,7 +204,7 @@ def _is_fixed(line: _Line) -> bool:
 
 def _added(a: _Line, b: _Line, sign: float) -> _Line | None:
     counts = {line.count for line in (a, b) if line.count is not None}
-    # Different counts cannot be combined; a sum with a clipped line has a kink at its start.
+    # Two different counts do not form a line; a sum with a clipped line has a kink at its start.
     if len(counts) > 1 or a.starts or b.starts:
         return None
     return _Line(
@@ -223,22 +223,22 @@ def _scaled(line: _Line, factor: Node) -> _Line:
 def _stops(node: Node, line: _Line) -> list[TimeEvent]:
     """Return the time events of a node whose argument is a line."""
     if line.rate.is_zero:
-        return []  # the argument changes only with the number of periods, whose jumps are known
+        return []  # the argument changes only at whole periods, which are events already
     if node.op == "floor" and line.count is None:
-        # The argument is an integer at its root and after each change by one.
+        # The argument is an integer at its root, and again after each change by one.
         return [TimeEvent(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
     places = node.data.x if node.op == "table" else (0.0,)
     firsts = [(place - line.offset) / line.rate for place in places]
     if line.count is None:
         return [TimeEvent(first) for first in firsts]
-    # The number of periods shifts the line at the end of each period, so zeros are periodic.
+    # Each period shifts the line by its step, so its zeros are periodic.
     period = -line.step / line.rate
     return [TimeEvent(first, period, line.count.starts) for first in firsts]
 
 
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
     """Return the smallest limit of the step size, or infinity if there is none."""
-    # Limits are zero for an infinite rate, which would halt a run: zero and nan are ignored.
+    # An infinite rate leads to a limit of zero, which would halt the run: ignore zero and nan.
     sizes = [abs(value_of(limit, values)) for limit in limits]
     return min((size for size in sizes if size > 0.0), default=math.inf)
 

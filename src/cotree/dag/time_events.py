@@ -1,8 +1,9 @@
 """Time events: times at which integration restarts, and their dependence on parameters.
 
-In: times as nodes (:mod:`cotree.dag.switching_times`), and parameter values. Out: the times within
-a span with their derivatives; times that differ only by rounding are merged. If rates jump by
-``f+ - f-`` at a time ``t*``, state sensitivities jump by ``(f- - f+) dt*/dp``.
+Time events are given as nodes (:mod:`cotree.dag.switching_times`). For given parameter values, the
+times within a span and their derivatives are computed; times that differ only by rounding are
+merged. If rates jump by ``f+ - f-`` at a time ``t*``, state sensitivities jump by ``(f- - f+)
+dt*/dp``.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
 
-#: Maximum number of times in a run, and of numbers stored for them; more indicate wrong units.
+#: Maximum number of times in a run, and of numbers stored for them. A larger number indicates wrong
+#: units.
 _MOST, _MOST_NUMBERS = 10_000_000, 30_000_000
 
-#: Number of times below which the search takes only milliseconds.
+#: Up to this number of times, the search takes milliseconds and is not checked against the limit.
 _FEW = 100_000
 
 
@@ -39,7 +41,7 @@ def time_events_along(
     stops: Sequence[TimeEvent], seeds: Sequence[Mapping[Node, Node]]
 ) -> tuple[TimeEvent, ...]:
     """Return the time events with derivatives along each direction (:attr:`TimeEvent.along`)."""
-    # Without a period, the first time is a placeholder, whose tangent is ignored.
+    # For events without a period, ``first`` is a placeholder whose tangent is ignored.
     periods = [stop.first if stop.period is None else stop.period for stop in stops]
     found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
     n = len(stops)
@@ -59,12 +61,12 @@ def find_restart_times(
 ) -> RestartTimes:
     """Return the times of time events in the span from ``low`` to ``high``, including both ends.
 
-    Times that differ only by rounding are merged, with the slopes of the first one. The ends of the
-    span are fixed, so their slopes are zero; the slopes of events there are part of the spreads.
-    The times ``others`` do not change along any direction. Raise ValueError if a period leads to
-    too many times, or the search takes longer than ``time_limit``, [s].
+    Times that differ only by rounding are merged and have the slopes of the first time. The ends of
+    the span are fixed and have zero slopes; slopes of events at the ends add to the spreads. The
+    additional times ``others`` have zero slopes. Raise ValueError if a period leads to too many
+    times, or the search takes longer than ``time_limit``, [s].
     """
-    # Times that differ from an end only by rounding are at the end.
+    # A time that differs from an end of the span only by rounding is moved to this end.
     margin = SAME * max(abs(low), abs(high))
     m = max((len(stop.along) for stop in stops), default=0)
     series = [_series_of(stop, values, low - margin, high + margin) for stop in stops]
@@ -89,7 +91,7 @@ def find_restart_times(
     t, slopes, at_low, at_high = t[order], slopes[order], ends[0][order], ends[1][order]
     scale = float(np.max(scales[order], initial=0.0))
     watch.check()
-    # The ends of a run do not depend on parameters; slopes of events there become spreads.
+    # The ends of the span are fixed, so slopes of events at the ends are stored as spreads.
     at_end = (at_low | at_high)[:, None]
     spreads = np.where(at_end, np.abs(slopes), 0.0)
     slopes = np.where(at_end, 0.0, slopes)
@@ -114,7 +116,7 @@ def _is_same(a: FloatArray, b: FloatArray | float) -> npt.NDArray[np.bool_]:
 
 
 class _Times(NamedTuple):
-    """Times of one time event, with their derivatives and the magnitude of its first time."""
+    """Times of one time event with their derivatives, and the magnitude of the first time."""
 
     t: FloatArray
     slopes: FloatArray
@@ -145,7 +147,7 @@ class _Watch:
         self._n = n_others + sum(row.n_times for row in series)
         self._densest = max(series, key=lambda row: row.n_times, default=_Series(0.0, 0.0, 0, -1))
         count, period = self._densest.n_times, abs(self._densest.period)
-        # One more event may be within rounding of either end.
+        # Rounding at the ends of the span may add one event.
         if count > _MOST + 1:
             raise ValueError(
                 f"a period of {period:.6g} s occurs {count - 1} times in the span: it is too "
@@ -181,7 +183,7 @@ def _series_of(stop: TimeEvent, values: Mapping[Node, float], low: float, high: 
     # The ends of the span are sorted, since the period may be negative.
     ends = sorted((at - first) / period for at in (low, high))
     start, end = math.ceil(ends[0]), math.floor(ends[1])
-    # A source that starts at its first time is not periodic before it.
+    # Events of a source that starts at ``first`` have k >= 0.
     return _Series(first, period, max(start, 0) if stop.starts else start, end)
 
 

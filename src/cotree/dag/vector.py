@@ -1,8 +1,9 @@
 """Three-dimensional vectors, matrices and rotations, whose components are nodes.
 
 A vector is a tuple of three nodes, a matrix a tuple of three rows. Structural zeros are the
-constant zero and fold away, so that planar scenes lead to planar programs. The functions also
-accept duals of vectors and matrices (:mod:`cotree.dag.dual`), and then return duals.
+constant zero and vanish in simplification, so the code of a planar scene contains only planar
+terms. The functions also accept duals of vectors and matrices (:mod:`cotree.dag.dual`), and then
+return duals.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def identity(dag: Dag) -> Matrix:
 
 def is_zero(a: Vector) -> bool:
     """Return whether a vector is structurally zero."""
-    # A dual is never zero, even if its value is: its derivative would be lost.
+    # A dual is never zero: even if its value is zero, its derivative is needed.
     if is_varied(a):
         return False
     zero = a[0].dag.zero
@@ -130,7 +131,7 @@ def matadd(a: Matrix, b: Matrix) -> Matrix:
 
 
 def congruence(r: Matrix, s: Matrix) -> Matrix:
-    """Form R S R^T for a symmetric S, and compute only one half of it."""
+    """Form R S R^T for a symmetric S; only one half is computed."""
     # Entry ij is the product of row i of R S and row j of R.
     rs = matmul(r, s)
     xx, xy, xz = dot(rs[0], r[0]), dot(rs[0], r[1]), dot(rs[0], r[2])
@@ -139,7 +140,7 @@ def congruence(r: Matrix, s: Matrix) -> Matrix:
 
 
 def polar(a: Vector, origin: str = "") -> tuple[Node, Vector]:
-    """Return length and direction of a vector; messages on a length of zero use ``origin``.
+    """Return length and direction of a vector; ``origin`` describes it in errors on zero length.
 
     The rate of the length is e . a' with the direction e, whose rate is (a' - (e . a') e) / length.
     """
@@ -147,7 +148,7 @@ def polar(a: Vector, origin: str = "") -> tuple[Node, Vector]:
     length = value[0].dag.function("sqrt", dot(value, value))
     if origin:
         length.dag.note_origin(length, origin)
-    # The direction and its derivative share one division.
+    # The direction and its derivative share this reciprocal.
     inverse = 1.0 / length
     direction = scale(inverse, value)
     if not is_varied(a):
@@ -165,8 +166,8 @@ def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
 
 @bilinear
 def _products(a: Vector, b: Vector) -> tuple[Vector, Vector]:
-    """Form the squares and mixed products of the components of two vectors of equal value."""
-    # One order suffices for equal values; with duals, the two derivative terms contain both orders.
+    """Form squares and mixed products of the components of ``a`` and ``b``, which are equal."""
+    # For equal values, a_i b_j = a_j b_i. Of duals, the derivative contains both orders.
     squares = (a[0] * b[0], a[1] * b[1], a[2] * b[2])
     return squares, (a[1] * b[2], a[0] * b[2], a[0] * b[1])
 
@@ -176,7 +177,7 @@ def _spread(products: tuple[Vector, Vector], alpha: Vector) -> Matrix:
     # [omega]x[omega]x = omega omega^T - |omega|^2 I is symmetric, [alpha]x is skew.
     (xx, yy, zz), (yz, xz, xy) = products
     ax, ay, az = alpha
-    # The diagonal is -(yy + zz) instead of xx - |omega|^2, which avoids cancellation.
+    # -(yy + zz) avoids the cancellation in xx - |omega|^2.
     return (
         (-(yy + zz), xy - az, xz + ay),
         (xy + az, -(xx + zz), yz - ax),
@@ -189,8 +190,8 @@ class Rotation:
     """The orientation of a rotated frame relative to a reference frame."""
 
     matrix: Matrix  # transforms components from the rotated frame to the reference frame
-    #: Axis and angle of a rotation with a single axis. The angles of successive rotations about the
-    #: same axis are added, which costs less than the product of two matrices.
+    #: Axis and angle if the rotation has a single axis. Successive rotations about one axis then
+    #: add their angles, which costs less than a product of matrices.
     axis: Vector | None = None
     angle: Node | None = None
 
@@ -205,14 +206,14 @@ class Rotation:
         )
 
     def then(self, axis: Vector, angle: Node) -> Rotation:
-        """Return the rotation followed by a rotation about an axis fixed in the rotated frame."""
+        """Return this rotation followed by a rotation about an axis fixed in the rotated frame."""
         if self.angle is None or self.axis is None:
-            # After the identity, the result has a single axis.
+            # The identity followed by one rotation has a single axis.
             if self.is_identity:
                 return about(axis, angle)
         elif all(a is b for a, b in zip(self.axis, axis, strict=True)):
             return about(axis, self.angle + angle)
-        # Nodes are interned, so the components of equal axes are the same nodes.
+        # Equal components are identical nodes, so "is" compares axes.
         elif all(a is -b for a, b in zip(self.axis, axis, strict=True)):
             return about(self.axis, self.angle - angle)
         return Rotation(matmul(self.matrix, about(axis, angle).matrix))
@@ -232,7 +233,7 @@ def about(axis: Vector, angle: Node) -> Rotation:
     x, y, z = axis
 
     def diagonal(e: Node) -> Node:
-        # e^2 + (1 - e^2) cos folds to 1 or cos if the axis is a coordinate axis.
+        # e^2 + (1 - e^2) cos simplifies to 1 or cos if the axis is a coordinate axis.
         return e * e + (1.0 - e * e) * cosine
 
     def off(a: Node, b: Node, c: Node) -> Node:
@@ -249,8 +250,8 @@ def about(axis: Vector, angle: Node) -> Rotation:
 def of_quaternion(q: Sequence[Node]) -> Matrix:
     """Form the matrix R(q) / (q.q), which is a rotation for a quaternion of any length.
 
-    With the division, dR/dq R^T is skew, so every derivative corresponds to a rotation vector; this
-    does not hold for the polynomial R(q) alone.
+    With the division, dR/dq R^T is skew, so that every derivative corresponds to a rotation vector;
+    for the polynomial R(q) it is not skew.
     """
     q0, q1, q2, q3 = q
     dag = q0.dag
@@ -267,7 +268,7 @@ def of_quaternion(q: Sequence[Node]) -> Matrix:
 
 
 def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
-    """Form q' = q o (0, w) / 2, real part first, from w in the rotated frame: nodes or numbers."""
+    """Form q' = q o (0, w) / 2, real part first, from w in the rotated frame; nodes or numbers."""
     q0, q1, q2, q3 = (0.5 * entry for entry in q)
     w1, w2, w3 = w
     return (
@@ -288,7 +289,7 @@ def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vecto
     d0, d1, d2, d3 = d
     double = q0.dag.constant(2.0) / (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
     imaginary, along = (q1, q2, q3), (d1, d2, d3)
-    # Im(conj(q) d) = q0 d - d0 q - q x d; for d conj(q), the cross product changes its sign.
+    # Im(conj(q) d) = q0 d - d0 q - q x d. In Im(d conj(q)), the cross product has the other sign.
     straight = sub(scale(q0, along), scale(d0, imaginary))
     across = cross(imaginary, along)
     total = sub(straight, across) if is_own else add(straight, across)
@@ -319,21 +320,21 @@ def quaternion_of_angles(angles: Vector) -> tuple[Node, ...]:
     dag = angles[0].dag
     total: tuple[Node, ...] = (dag.one, dag.zero, dag.zero, dag.zero)
     for axis, angle in zip(identity(dag), angles, strict=True):
-        # Rotations about fixed axes are multiplied from the left.
+        # Rotations about fixed axes multiply from the left.
         total = quaternion_product(quaternion_about(axis, angle), total)
     return total
 
 
 def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
-    """Return the quaternion of a numeric matrix, or None if it does not reproduce the matrix."""
+    """Return the quaternion of a numeric matrix, or None if the matrix is not a rotation."""
     dag = Dag()
     try:
         x, y, z = ((dag.constant(a), dag.constant(b), dag.constant(c)) for a, b, c in rows)
         q = quaternion_of_nodes((x, y, z), lambda node: node.value or 0.0)
         back = of_quaternion(q)
-    except ArithmeticError:  # the entries are not finite, or so large that products overflow
+    except ArithmeticError:  # entries are not finite, or so large that products overflow
         return None
-    # With this tolerance, a rotation matrix printed with seven digits is accepted.
+    # The tolerance accepts rotation matrices that were printed with seven digits.
     pairs = zip(chain(*back), chain(*rows), strict=True)
     if not all(abs((node.value or 0.0) - entry) <= 1e-6 for node, entry in pairs):
         return None
@@ -342,14 +343,14 @@ def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
 
 
 def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node, ...]:
-    """Form a rotation matrix's quaternion; ``value`` evaluates nodes for the choice of the pivot.
+    """Form a rotation matrix's quaternion; ``value`` evaluates nodes to find the largest component.
 
     S. W. Shepperd, J. Guidance and Control 1 (1978) 223.
     """
     dag = m[0][0].dag
     trace = m[0][0] + m[1][1] + m[2][2]
-    # 4 q0^2 = 1 + tr and 4 qi^2 = 1 - tr + 2 m_ii. The largest of trace and diagonal entries
-    # determines the largest component, which is at least one half and a safe divisor.
+    # 4 q0^2 = 1 + trace and 4 qi^2 = 1 - trace + 2 m_ii: the largest of trace and diagonal belongs
+    # to the largest component, which is at least 1/2 and a safe divisor.
     squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
     largest = squares.index(max(squares))
     if largest == 0:

@@ -1,10 +1,9 @@
 """Largest edge sets of minimum cost that form a forest in each of two graphs.
 
-Such a set belongs to both trees of a network with ideal amplifiers. It also solves a network with
-ideal transformers, of whose two ports at most one may be a branch: in the second graph, these two
-ports are parallel edges. The sets are common independent sets of two matroids, found by
-augmentation along shortest exchange paths (A. Schrijver, Combinatorial Optimization, 2003, section
-41.3).
+Such a set belongs to both trees of a network with ideal amplifiers. In a network with ideal
+transformers, at most one of the two ports may be a branch: the ports are parallel edges of the
+second graph. The sets are common independent sets of two matroids, found by augmentation along
+shortest exchange paths (A. Schrijver, Combinatorial Optimization, 2003, section 41.3).
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from cotree.graph.tree import Parts
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-#: Cost and number of edges of a path; among paths of equal cost, the shortest is required.
+#: Cost and number of edges of a path; of paths of equal cost, the shortest must be used.
 _Length = tuple[int, int]
 
 
 class Contracted:
-    """A graph after contraction of ``branches``, which must not form a circuit."""
+    """A graph after contraction of the edges ``branches``, which must not contain a circuit."""
 
     def __init__(self, ends: Mapping[str, tuple[str, str]], branches: Iterable[str] = ()) -> None:
         parts = Parts(node for pair in ends.values() for node in pair)
@@ -31,18 +30,18 @@ class Contracted:
                 raise TopologyError(
                     f"edge '{name}' closes a circuit of edges that must be branches"
                 )
-        # The two nodes of a branch become one, so that one node represents each connected part.
+        # Contraction merges the ends of a branch: one node represents each connected part.
         self.ends = {name: (parts.top(a), parts.top(b)) for name, (a, b) in ends.items()}
 
     def lightest(self, names: Iterable[str], costs: Mapping[str, int]) -> list[str]:
-        """Return a forest of minimum cost among the edges ``names``; the first one among equals."""
+        """Return a forest of minimum cost among ``names``; first edges are preferred if equal."""
         parts = self._parts()
         cheapest = sorted(names, key=costs.__getitem__)
-        # Kruskal's algorithm; the stable sort selects the first of equal edges.
+        # Kruskal's algorithm; the stable sort prefers the first of equal edges.
         return [name for name in cheapest if parts.join(*self.ends[name])]
 
     def extended(self, forest: Iterable[str]) -> Parts:
-        """Return the connected components of a forest."""
+        """Return the connected parts of the graph of a forest."""
         parts = self._parts()
         for name in forest:
             parts.join(*self.ends[name])
@@ -54,13 +53,13 @@ class Contracted:
     def circuits(
         self, forest: Sequence[str], others: Iterable[str]
     ) -> dict[str, Sequence[str] | None]:
-        """Return the forest edges between the ends of each other edge, or None without a path."""
+        """Return the forest path between the ends of each other edge, or None without a path."""
         neighbours: dict[str, list[tuple[str, str]]] = {}
         for name in forest:
             a, b = self.ends[name]
             neighbours.setdefault(a, []).append((b, name))
             neighbours.setdefault(b, []).append((a, name))
-        # A forest may have several trees; depths are counted from each root.
+        # Depths are counted from the root of each tree of the forest.
         places: dict[str, tuple[int, str, str]] = {}  # depth, parent and edge to the parent
         for root in neighbours:
             if root not in places:
@@ -76,13 +75,13 @@ class Contracted:
         found: dict[str, Sequence[str] | None] = {}
         for name in others:
             a, b = self.ends[name]
-            # An edge between two trees closes no circuit, so it can be added to the forest.
+            # An edge between two trees closes no circuit.
             found[name] = None if parts.top(a) != parts.top(b) else _between(places, a, b)
         return found
 
 
 def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list[str]:
-    # Move up from the deeper end until both paths meet.
+    # Move up from the deeper node until both paths meet.
     route = []
     while a != b:
         if places[a][0] < places[b][0]:
@@ -96,7 +95,8 @@ def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list
 def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int]) -> set[str]:
     """Return a largest edge set that is a forest in both graphs, at minimum total cost.
 
-    Only edges with a cost may be selected. Among equal sets, the first edges are preferred.
+    Only edges in ``costs`` may be selected. Among sets of equal cost, the first edges are
+    preferred.
 
     >>> first = Contracted({"a": ("0", "1"), "b": ("0", "1"), "c": ("1", "2"), "d": ("1", "2")})
     >>> second = Contracted({"a": ("0", "1"), "b": ("2", "3"), "c": ("0", "1"), "d": ("4", "5")})
@@ -109,10 +109,10 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
         path = _exchange(first, second, costs, shared)
         if path is None:
             return shared
-        # Edges on the path are added and removed alternately; one more is added than removed.
+        # The path alternates between added and removed edges and adds one more than it removes.
         shared ^= set(path)
-        # An edge that is free in both graphs and costs no more than this path is itself the next
-        # shortest path, so no search is needed.
+        # An edge that can be added in both graphs, and costs no more than this path, is the next
+        # shortest path: add it without a search.
         least = sum(costs[name] if name in shared else -costs[name] for name in path)
         grown = first.extended(shared), second.extended(shared)
         for name in cheapest:
@@ -133,17 +133,17 @@ def _exchange(
     forest = [name for name in costs if name in shared]
     others = [name for name in costs if name not in shared]
     enters, leaves = first.circuits(forest, others), second.circuits(forest, others)
-    # An arc leads from an edge that is removed to each edge that the first graph can then accept,
-    # and from there to each edge that the second graph must then lose. Edges that are free in one
-    # graph begin or end a path. A path through such an edge is no cheaper than its part before or
-    # after it, since an exchange that adds no edge cannot lower the cost.
+    # For each removed edge, arcs lead to the edges that the first graph can then accept; from each
+    # added edge, arcs lead to those that the second graph must then remove. Edges that one graph
+    # accepts anyway begin or end a path. Paths through such edges are no cheaper than their part
+    # before or after it, since an exchange that adds no edge cannot lower the cost.
     arcs: dict[str, list[str]] = {name: [] for name in costs}
     for name in others:
         for leaving in enters[name] or ():
             arcs[leaving].append(name)
         arcs[name] += leaves[name] or ()
-    # Bellman-Ford algorithm, since removed edges have negative cost. It terminates: if the shared
-    # set is the cheapest of its size, no cycle has negative cost.
+    # Bellman-Ford algorithm, since removed edges have negative costs. It terminates because a set
+    # of minimum cost for its size has no cycle of negative cost.
     length: dict[str, _Length] = {n: (costs[n], 0) for n in others if enters[n] is None}
     before: dict[str, str] = {}
     waiting = list(length)

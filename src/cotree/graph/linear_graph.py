@@ -1,4 +1,4 @@
-"""The linear graph of one domain: named nodes and directed edges. [1] section 1.1, Fig. 1."""
+"""The linear graph of one domain: named nodes and directed edges ([1] section 1.1, Fig. 1)."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class LinearGraph:
 
     def __post_init__(self) -> None:
         _check_unique("node", self.nodes, self.domain)
-        # Domains may share a name; within a graph, a name is a row or column of the matrices.
+        # Names must be unique within a domain: they become rows and columns of its matrices.
         _check_unique("edge", (edge.name for edge in self.edges), self.domain)
         known = set(self.nodes)
         # Node potentials are relative to the reference, at which walks start.
@@ -76,7 +76,7 @@ class LinearGraph:
                     raise TopologyError(
                         f"edge '{edge.name}' ends at unknown node '{node}'{nearest(node, known)}"
                     )
-            # A self-loop is a circuit: it is never a branch, and its across variable is zero.
+            # A self-loop would be a circuit of one edge, whose across variable is always zero.
             if edge.tail == edge.head:
                 raise TopologyError(
                     f"edge '{edge.name}' connects node '{edge.tail}' to itself; give it two nodes"
@@ -99,7 +99,7 @@ class LinearGraph:
     @cached_property
     def edge_names(self) -> tuple[str, ...]:
         """Names of the edges, in their order."""
-        # Dictionaries keep their order of insertion, here the edge order.
+        # The dictionary has the order of the edges.
         return tuple(self._edge_by_name)
 
     def edge(self, name: str) -> GraphEdge:
@@ -148,24 +148,24 @@ class TreeStep:
 
 
 def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[TreeStep, ...]:
-    """Walk depth first along the named edges and reach each node once, parents before children.
+    """Return the steps of a depth-first walk along the named edges, parents before children.
 
-    The walk takes O(n) and is not recursive, since long chains would exceed Python's limit.
+    Each node is reached once, in O(n). Without recursion, long chains do not exceed Python's limit.
     """
     allowed = names if isinstance(names, (set, frozenset)) else set(names)
     leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
-    # Edges are pushed in reverse, so that the stack returns them in edge order.
+    # The stack reverses the order, so edges are pushed in reverse.
     for edge in reversed(graph.edges):
         if edge.name in allowed:
             leaving[edge.tail].append(TreeStep(edge.name, edge.tail, edge.head, 1))
-            # A walk ignores the directions of edges, but records them in the sign.
+            # The walk follows edges in both directions; the sign is -1 against the edge.
             leaving[edge.head].append(TreeStep(edge.name, edge.head, edge.tail, -1))
     steps: list[TreeStep] = []
     reached = {start}
     stack = list(leaving[start])
     while stack:
         step = stack.pop()
-        # In a circuit, another edge may have reached the node in the meantime.
+        # In a circuit, the node may have been reached along another edge.
         if step.child not in reached:
             reached.add(step.child)
             steps.append(step)
@@ -179,7 +179,7 @@ def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy:
     ``{them}`` in ``remedy`` is replaced by the unconnected nodes.
     """
     steps = walk_edges(graph, names, graph.reference)
-    # Each step reaches one new node; the reference is not reached by a step.
+    # Each step reaches one new node; the reference is where the walk starts.
     if len(steps) + 1 < graph.n_nodes:
         reached = {graph.reference, *(step.child for step in steps)}
         floating = [node for node in graph.nodes if node not in reached]
@@ -188,7 +188,7 @@ def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy:
 
 def _floating_message(graph: LinearGraph, floating: list[str], what: str, remedy: str) -> str:
     inside = set(floating)
-    # Edges of any kind: the message also names edges that cannot be branches.
+    # List all edges at these nodes, including those that cannot be branches.
     touching = [edge.name for edge in graph.edges if edge.tail in inside or edge.head in inside]
     subject, verb, them = (
         ("node", "is", "it") if len(floating) == 1 else ("nodes", "are", "one of them")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tree:
-    """A spanning tree of a graph, created and checked by `select_tree` and `named_tree`.
+    """A spanning tree of a graph; `select_tree` and `named_tree` create and check it.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Tree:
         TopologyError
             If the graph has no such edge.
         """
-        # The graph raises the error for unknown names.
+        # ``edge`` raises the error for an unknown name.
         return self.graph.edge(name).name in self._branch_set
 
     def summary(self) -> str:
@@ -81,7 +81,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
     """
     for name in weights:
         graph.edge(name)
-    # In edge order, which the stable sort below preserves among equal weights.
+    # Candidates are in edge order; the stable sort keeps this order among equal weights.
     candidates = [name for name in graph.edge_names if math.isfinite(weights.get(name, math.inf))]
     check_spanned(
         graph,
@@ -90,7 +90,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         f"connect {{them}} to '{graph.reference}' by such an edge (in mechanics a joint, an arm "
         "or a body)",
     )
-    # Kruskal's algorithm
+    # Kruskal's algorithm.
     parts = Parts(graph.nodes)
     chosen = {
         name
@@ -110,9 +110,9 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
             raise TopologyError(
                 f"the tree of the {graph.domain} graph names edge '{name}' twice; name it once"
             )
-        # Edges are checked one by one, so that the error message can name the circuit.
+        # Check edge by edge, so that the message can name the circuit.
         if not parts.join(edge.tail, edge.head):
-            # The path between the two nodes and the new edge form a circuit.
+            # The new edge closes a circuit with the path between its ends.
             circuit = [*path_between(graph, branches, edge.tail, edge.head), name]
             raise TopologyError(
                 f"the tree of the {graph.domain} graph contains a circuit of the edges "
@@ -126,7 +126,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
 
 
 def tree_walk(tree: Tree) -> tuple[TreeStep, ...]:
-    """Return the steps outwards along the tree: parents before children, siblings in edge order."""
+    """Return the steps from the root outwards: parents before children, siblings in edge order."""
     return walk_edges(tree.graph, tree.branches, tree.graph.reference)
 
 
@@ -156,7 +156,7 @@ def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
 
 def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
     """Return the edges of a forest on the path from one node to another."""
-    # Exactly one step leads to each node, so the path is followed from its end to its start.
+    # One step leads to each node, so the path is traced backwards from its end.
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []
     node = end
@@ -203,7 +203,7 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
     matrix = np.zeros((graph.n_nodes, graph.n_edges), dtype=np.int64)
     row_of = {node: i for i, node in enumerate(graph.nodes)}
     for j, edge in enumerate(graph.edges):
-        # Through variables flow from tail to head: a row is the sum of the flows out of its node.
+        # The through variable flows from tail to head: it leaves the tail and enters the head.
         matrix[row_of[edge.tail], j] = 1
         matrix[row_of[edge.head], j] = -1
     return TopologyMatrix(matrix, graph.nodes, graph.edge_names)
@@ -216,7 +216,7 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
     """
     matrix, column_of = _with_identity(tree, tree.branches)
     row_of = {name: i for i, name in enumerate(tree.branches)}
-    # A branch is in a chord's f-circuit if the chord is in its f-cutset; signs are opposite.
+    # Signs are opposite to those of the f-circuits, because cutset @ circuit.T = 0.
     for chord, branch, sign in _circuit_terms(tree):
         matrix[row_of[branch], column_of[chord]] = -sign
     return TopologyMatrix(matrix, tree.branches, tree.graph.edge_names)
@@ -227,7 +227,7 @@ def f_circuit(tree: Tree) -> TopologyMatrix:
 
     It is +1 for branches that the circuit follows in their direction, -1 in the opposite one.
     """
-    # Each chord closes exactly one f-circuit, so its column has a single entry.
+    # The column of a chord has a single entry, since a chord closes only its own f-circuit.
     matrix, column_of = _with_identity(tree, tree.chords)
     row_of = {name: i for i, name in enumerate(tree.chords)}
     for chord, branch, sign in _circuit_terms(tree):
@@ -238,7 +238,7 @@ def f_circuit(tree: Tree) -> TopologyMatrix:
 def _with_identity(
     tree: Tree, rows: tuple[str, ...]
 ) -> tuple[npt.NDArray[np.int64], dict[str, int]]:
-    """Return a matrix with an identity in the columns `rows`, and the index of each column."""
+    """Return a matrix with an identity in the columns ``rows``, and the index of each column."""
     # Columns are in edge order for both cutset and circuit matrices.
     column_of = {name: j for j, name in enumerate(tree.graph.edge_names)}
     matrix = np.zeros((len(rows), len(column_of)), dtype=np.int64)
@@ -259,10 +259,10 @@ def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
         depth[step.child] = depth[step.parent] + 1
     for chord in tree.chords:
         edge = tree.graph.edge(chord)
-        # The path from the head is against the direction of the walk, hence the minus sign.
+        # The path returns from the chord's head to its tail: steps on the head side count negative.
         tail, head = edge.tail, edge.head
         while tail != head:
-            # The deeper end is not an ancestor of the other one: move it inwards.
+            # Move the deeper end towards the root until both ends meet.
             if depth[head] >= depth[tail]:
                 step = step_to[head]
                 head = step.parent
