@@ -118,7 +118,7 @@ _HOMES = {
     "transfer_function": "blocks",
 }
 
-if not TYPE_CHECKING:  # type checkers use the imports above, and unknown names remain errors
+if not TYPE_CHECKING:  # type checkers use the imports above and report unknown names
 
     def __getattr__(name: str) -> object:
         """Import a public name at its first use."""

@@ -126,13 +126,13 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         """
         begun = time.perf_counter()
         names = check_names(sensitivities, "sensitivities")
-        # Parameters that no run may change become constants of the code.
+        # Parameters that runs cannot change become constants in the code.
         described = self
         if tunable is not None:
             from cotree.scene.variants import keep_tunable
 
             described = keep_tunable(self, tunable, names)
-        # Constraint violations would grow at a negative rate.
+        # A negative rate would increase violations of constraints.
         rate = check_number(baumgarte, "baumgarte")
         if rate < 0.0:
             raise ParameterError(f"baumgarte is {rate}: it must not be negative")
@@ -148,11 +148,11 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
             with _locating_errors(self):
                 model = compile_spec(spec)
                 model.times["formulate"] += prepared
-                # This raises errors that depend on numbers, such as a motion without inertia.
+                # The start raises errors that depend on numbers, such as a motion without inertia.
                 if model.kernels.backend != "none":
                     check_start(model.kernels)
         except (SingularSystemError, TopologyError) as error:
-            # If a node is misspelt, another node lacks the elements that were meant for it.
+            # A misspelt node is a new node with one edge; the intended node then lacks an element.
             from cotree.lint import dangling_hint
 
             raise type(error)(f"{error}{dangling_hint(self)}") from None
@@ -162,7 +162,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
                 RuntimeWarning,
                 stacklevel=2,
             )
-        # Duration of the call without that of the stages.
+        # Subtract the times of the stages from the elapsed time.
         model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         return model
 
@@ -210,8 +210,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
 
         with _locating_errors(self):
             costs = count_trees(self)
-            # The report shows the tree that compile() would choose. If the equations of a scene
-            # cannot be formed, costs is empty and the trees are chosen without it.
+            # The report shows the tree that compile() would choose. Without costs, the equations of
+            # the scene cannot be formed, and the trees are chosen without them.
             if tree is None and costs:
                 tree = list(costs[0].trees.branches)
             return graph_report(*draw_graphs(self, tree), costs, tuple(self.members))

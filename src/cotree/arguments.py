@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cotree.errors import ParameterError, brief, nearest
 
-# Larger integers may have no exact double.
+# A larger integer may have no exact double.
 _LARGEST_INTEGER = 2**53
 _UNREAL = {"c", "m", "M"}  # NumPy kinds of complex numbers, durations, dates
 _DEEPEST = 4  # maximum nesting depth, since a list may contain itself
@@ -50,7 +50,7 @@ def by_name(value: Any) -> Any:
     """Convert a pandas Series with names as labels to a dict; return other values unchanged."""
     if isinstance(value, Mapping) or not hasattr(value, "to_dict"):
         return value
-    # Values are identified by label, since labels may be in any order.
+    # Labels identify the values, so their order does not matter.
     found = value.to_dict()
     return found if all(isinstance(name, str) for name in found) else value
 
@@ -72,7 +72,7 @@ def plain(value: Any, depth: int = 0) -> Any:
     """
     if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
         return value
-    # NumPy scalars become Python numbers, which TOML can write.
+    # TOML can write Python numbers, but not NumPy scalars.
     if isinstance(value, numbers.Integral) and abs(int(value)) <= _LARGEST_INTEGER:
         return int(value)
     if isinstance(value, numbers.Real):

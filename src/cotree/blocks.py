@@ -121,7 +121,7 @@ def transfer_function(
         scene.parameter(f"b{i}", powers[i])
     for i, value in zip(range(n, -1, -1), a.tolist(), strict=True):
         scene.parameter(f"a{i}", value)
-    # Controllable canonical form, x_i' = x_(i+1); the denominator yields the highest rate w.
+    # Controllable canonical form: x_i' = x_(i+1); the denominator determines the last rate w.
     back = " - ".join(["u", *(f"a{i}*x{i + 1}.v" for i in range(n))])
     scene.output("highest", f"({back})/a{n}")
     for i in range(1, n + 1):

@@ -61,7 +61,7 @@ class Experiment:
         return self.model.simulate(
             (float(self.t_eval[0]), float(self.t_eval[-1])),
             self.t_eval,
-            # A run that stops early lacks some of the points.
+            # raises an error if the run ends early
             throw=True,
             **{**self.settings, "parameters": parameters, "initial": initial},
         )
@@ -70,7 +70,7 @@ class Experiment:
         """Return the value of a parameter, or the initial value of a state."""
         p = self.model.kernels.parameter_array(self._values("parameters"))
         if name in self.model.states:
-            # The value stated in the scene, not the one that satisfies the constraints.
+            # Use the value stated in the scene, not the value adapted to the constraints.
             own = self.model.kernels.initial(p)[self.model.states.index(name)]
             return float(self._values("initial").get(name, own))
         return float(p[self.model.parameters.index(name)])
@@ -116,7 +116,7 @@ def sensitivities(result: Result, name: str) -> Array:
     return np.vstack([result.s[:, j], result.output_sensitivities[:, j]])
 
 
-# Relative steps in half decades, from dominant truncation to dominant rounding errors.
+# Relative steps in half decades. Truncation errors dominate the first, rounding the last.
 _RELATIVE_STEPS = tuple(10.0 ** (-1 - k / 2) for k in range(17))
 _N_TIMES = 21
 _RTOL = 1e-12
@@ -168,7 +168,7 @@ class ParameterCheck(Reported):
     @property
     def passed(self) -> bool:
         """Return whether the deviation is known and within the tolerance."""
-        # An unknown deviation is nan, which makes comparisons false.
+        # If a deviation is unknown (nan), the comparison is false.
         return self.deviation <= self.tolerance
 
     def report(self) -> Report:
@@ -307,7 +307,7 @@ def check_sensitivities(
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    experiment: Experiment  # the experiment whose runs form the differences
+    experiment: Experiment  # experiment whose runs form the differences
     #: Runs with sensitivities, at the given tolerances and at larger ones.
     with_s: Result
     with_s_loose: Result
@@ -318,7 +318,7 @@ class _Runs:
     def asked(self, array: Array) -> Array:
         """Return the requested accuracy: atol + rtol times the largest magnitude over time."""
         rtol = float(self.experiment.settings["rtol"])
-        # atol is proportional to rtol, hence the common factor.
+        # atol = _ATOL_SHARE * rtol, so rtol is a common factor.
         return rtol * (_ATOL_SHARE + _largest(array))
 
 
@@ -336,7 +336,7 @@ def _reference_runs(
     )
     tight, loose = (run.run() for run in own)
     runs = _Runs(differenced[0], tight, loose, tight, loose)
-    # The integration errors e_y are those of the model that is differenced, not those of S.
+    # e_y is the integration error of the differenced model, which may differ from that of S.
     if plain is None:
         return runs
     return replace(runs, tight=differenced[0].run(), loose=differenced[1].run())
@@ -368,7 +368,7 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
     y_error = np.maximum(_largest(y - quantities(runs.loose)), runs.asked(y))
     tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
     least = _least(deviations)
-    # The largest ratio of deviation to tolerance; a quantity without any difference ranks highest.
+    # Find the largest ratio of deviation to tolerance; a quantity without differences comes first.
     closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))
     is_known = math.isfinite(least[closest])
     note = ""
@@ -424,7 +424,7 @@ def _least(deviations: Array) -> Array:
 
 def _best_steps(differences: Array, steps: Array) -> Array:
     """Return, for each quantity, the smaller of the adjacent steps whose differences agree best."""
-    # Adjacent differences deviate by truncation for long steps, by rounding for short ones.
+    # Adjacent differences deviate by truncation at long steps and by rounding at short steps.
     spread = np.max(np.abs(np.diff(differences, axis=0)), axis=2)
     best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=0)
     # Steps decrease, so the second of two adjacent steps is the smaller one.

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
 
 _LONG = 5  # minimum number of moving branches for elimination along the tree
-_PER_OPERATION = 0.5  # cycles per operation that waits for no other operation
+_PER_OPERATION = 0.5  # cycles per operation that does not wait for another operation
 _SHARE_OF_JACOBIANS = 0.1  # evaluations of the Jacobian per evaluation of the right-hand side
 _FEW = 3  # maximum number of rotating clusters for which all sets of axes are tried
 
@@ -124,10 +124,10 @@ def choose_first_graph(
     first, *others = trees
     found = _tried(scene, first, sensitivities, baumgarte, check)
     for other in others:
-        # Errors of other trees do not make the scene invalid.
+        # Errors in other trees do not invalidate the scene.
         with contextlib.suppress(ModelError, FormulationError):
             found += _tried(scene, other, sensitivities, baumgarte)
-    # Cycles are compared instead of operations, since dependent operations take longer.
+    # Compare cycles, not operations, because operations that depend on each other take longer.
     found.sort(key=lambda item: item[0].n_cycles)
     return found[0][1], tuple(item[0] for item in found)
 
@@ -143,7 +143,7 @@ def _tried(
     found: list[tuple[Alternative, FirstGraph]] = []
     for own_axes in _choices(scene, trees):
         formed = form_first_graph(scene, trees, own_axes, baumgarte)
-        # The check does not depend on the axes.
+        # All axes give the same result of the check, so it is done once.
         if check is not None and not found:
             check(formed)
         eliminations = _eliminations(formed, may_defer=not sensitivities)
@@ -160,7 +160,7 @@ def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink,
 
     Sensitivity operations are independent, so deferred elimination does not accelerate them.
     """
-    # If there are few bodies, elimination along the tree only adds operations.
+    # For few bodies, elimination along the tree only adds operations.
     if len(first.motion.geometry) < _LONG:
         return [()]
     links = tree_links(first)
@@ -173,14 +173,14 @@ def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink,
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:
     """List sets of clusters to resolve in their own axes: all subsets of few, else none and all."""
-    # Axes can be chosen only if translation and rotation share one tree.
+    # Axes can only be chosen if translation and rotation have the same tree.
     if not trees.is_one:
         yield ()
         return
     turning, spaces = [], motion_spaces(scene.mechanics).of
     cluster = 0  # clusters are numbered in the order of the traversal
     for step in tree_walk(trees.translation):
-        # An edge that is traversed backwards has its freedoms in reverse order.
+        # If an edge is traversed backwards, its freedoms are in reverse order.
         for kind in spaces[step.edge][:: step.sign]:
             cluster += 1
             if kind.rotates:
@@ -216,13 +216,13 @@ def _estimates(
         if not middle or not unknowns:
             yield n_alone, time_alone
             continue
-        # Only the unknowns depend on the elimination; differentiated expressions are shared.
+        # Elimination only affects the unknowns; all methods share the differentiated expressions.
         direction = direction or replace(form_derivatives(first, middle)[0], rates={}, outputs={})
         known = dict(zip(first.unknowns, unknowns, strict=True))
         solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))
         (derivative,) = solved.along([direction])
         shared = set(alone)
-        # Nodes shared with the right-hand side are not counted twice.
+        # Exclude nodes shared with the right-hand side, which are already counted.
         apart = [node for node in reachable(derivative.unknowns) if node not in shared]
         along = count_operations(apart).total
         # Derivatives along different directions do not wait for each other. The Jacobian has a

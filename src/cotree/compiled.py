@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 #: Public methods, in the order of a typical session.
 _CALLS = "simulate() trim() linearize() start() rhs() jacobian() output_values() write() summary()"
 
-# Largest number of variants with other input expressions that a model caches, since their numbers
-# may change without end. Removed variants remain in the cache on disk.
+# Maximum number of cached variants with other input expressions, whose numbers may change
+# endlessly. Variants removed here remain in the cache on disk.
 _MOST_VARIANTS = 32
 
 # Largest number of run preparations, one for each set of settings, that a model caches.
@@ -94,7 +94,7 @@ class Model(Reported):
 
         Raises ModelError if the model was unpickled and its scene cannot be read in this process.
         """
-        # Components of another process must be registered here before the model is opened.
+        # Components of another process must be registered here before the specification is read.
         if isinstance(self._spec, bytes):
             self._spec = open_spec(self._spec)
         return self._spec
@@ -167,7 +167,7 @@ class Model(Reported):
         SingularSystemError
             If the algebraic equations do not determine them.
         """
-        # Guards check the parameters at every call of a kernel.
+        # Kernels check the guards on parameters at every call.
         return find_start(self._point_at(t, p, u), initial or {})
 
     def _point_at(self, t: Any, p: Any, u: Any) -> EvaluationPoint:
@@ -298,7 +298,7 @@ class Model(Reported):
             "throw": throw,
             **settings,
         }
-        # Unknown names in input expressions are parameters if the call sets their values.
+        # If the call sets their values, unknown names in input expressions are parameters.
         names = tuple(parameters) if inputs and isinstance(parameters, Mapping) else ()
         model, preparation = cached_for(
             self._kept,
@@ -489,7 +489,7 @@ class Model(Reported):
 
         names = tuple(sensitivities) or self.sensitivities or self.parameters
         model = self if set(names) <= set(self.sensitivities) else self._with(names)
-        # Runs without sensitivities form the differences, since they take a fraction of the time.
+        # Runs without sensitivities take a fraction of the time and suffice for differences.
         plain = self._with(()) if self.sensitivities else self
         own: dict[str, Any] = {"parameters": parameters, "method": method, "report": report}
         return check_sensitivities(model, names, t_end, plain, **own, **settings)
@@ -602,9 +602,9 @@ class Model(Reported):
 
         d, kit = self._defaults, Kit(integrator, real, prefix, cpp, single_file)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
-        # C projects do not search for operating points.
+        # C projects do not search for operating points, so they receive the start.
         start = self.start() if self.kernels.begins_at_rest else None
-        # Forming the project's kernels adds nodes to the program's arena, which threads share.
+        # Forming kernels of the project adds nodes to the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program, self.kernels)
             return write_c_project(

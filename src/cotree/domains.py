@@ -27,21 +27,21 @@ class Domain:
     through_symbol: str
     across_unit: str
     through_unit: str
-    #: Symbol and unit of the integral of the across variable over time, where it has a name.
+    #: Symbol and unit of the time integral of the across variable, if it has a name.
     stretch: str = ""
     stretch_unit: str = ""
-    #: Symbol and unit of what storages hold: the integrals of the through variable, such as charge,
-    #: and of the across variable, such as flux linkage, unless ``stretch`` names it.
+    #: Symbol and unit of the contents of storages: integrals of the through variable, such as
+    #: charge, and of the across variable, such as flux linkage, unless ``stretch`` names it.
     content: tuple[str, str] = ("", "")
     impulse: tuple[str, str] = ("", "")
     #: Whether variables are scalars, as in networks, instead of vectors, as in multibody systems.
     is_scalar: bool = False
-    #: Whether edges are written with the head of the across variable before its tail.
+    #: Whether the across variable is written with the edge's head before its tail.
     head_first: bool = False
-    #: Message part: what to add at a node if no equation determines its across variable.
+    #: Part of a message: what to add at a node whose across variable has no equation.
     remedy: str = "a resistance or a storage"
-    #: Message part: the fault and its remedy if a storage whose across variable is measured from
-    #: the ground starts at another node, ``{tail}``.
+    #: Part of a message for storages with an absolute across variable that do not start at the
+    #: ground but at the node ``{tail}``: the fault and its remedy.
     absolute: str = ""
 
     def summary(self) -> str:
@@ -110,7 +110,7 @@ _ROWS = (
         ("V", "m^3"),
         ("Gamma", "Pa s"),
     ),
-    # Heat has capacitance but no inertance: no component stores the integral of temperature.
+    # Heat can be stored in capacitances, but no component stores the integral of temperature.
     _network("thermal", ("temperature", "T", "K"), ("heat flow", "q", "W"), ("H", "J")),
     _network(
         "chemical",
@@ -118,15 +118,15 @@ _ROWS = (
         ("molar flow", "n", "mol/s"),
         ("N", "mol"),
         remedy="a species or a reaction",
-        # Concentrations have an absolute zero, so storage edges must start at the reference.
+        # A concentration is absolute, so storage edges must start at the reference.
         absolute=(
             "is connected to '{tail}', but its amount follows from its concentration "
             "relative to zero: name its node first, then 'ground'"
         ),
     ),
     Domain(
-        # One-dimensional mechanics: velocity across, force through (mobility analogy). Masses hold
-        # momentum, the integral of force; springs the integral of velocity.
+        # One-dimensional mechanics: velocity is across, force is through (mobility analogy). Masses
+        # store momentum, the integral of force; springs store the integral of velocity.
         "translational",
         ("velocity",),
         "v",

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 class KinkRow:
     """A kink of the rates, at the zero of a value."""
 
-    value: Node  # value that is zero at the end of the branch
+    value: Node  # value whose zero is the end of the branch
     piece: int  # index of the frozen branch
-    #: Increment of the branch number if the value crosses zero upwards; zero if the branch is not
-    #: numbered but is the sign of the value.
+    #: Increment of the branch number if the value crosses zero upwards. If it is zero, the branch
+    #: is the sign of the value.
     direction: int
-    #: Whether the branch is the half-width of a band around zero that regularises roots.
+    #: Whether the branch is the half-width of a band around zero in which a root is regularised.
     is_steep: bool = False
 
 
@@ -51,7 +51,7 @@ class Derivative:
 
     name: str  # parameter or state by which the equations are differentiated
     seed: Mapping[Node, Node]  # derivative (tangent) of each symbol in this direction
-    forcing: tuple[Node, ...]  # right-hand side of ``A w_p = forcing``, at constant unknowns
+    forcing: tuple[Node, ...]  # right-hand side of ``A w_p = forcing``, with w constant
     #: Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
     rates: Mapping[int, Node]
     outputs: Mapping[int, Node]  # derivatives of the outputs, by index
@@ -76,7 +76,7 @@ def substituted(
     new = iter(substitute([node for row in rows for node in row.nodes], replacement))
 
     def again(row: Mapping[int, Node]) -> dict[int, Node]:
-        # Zeros are removed only after the iterator has advanced past them.
+        # Every entry must advance the iterator, so remove zeros afterwards.
         made = {i: next(new) for i in row}
         return {i: node for i, node in made.items() if not node.is_zero}
 
@@ -107,10 +107,10 @@ class State:
     unit: str
     symbol: Node  # symbol of the state in the program
     initial: Node  # initial value as a function of parameters
-    is_given: bool = True  # otherwise the initial value may change to satisfy constraints
-    #: Whether the state is determined by an algebraic equation 0 = g; its initial value is a guess.
+    is_given: bool = True  # whether the scene prescribes it; if not, constraints may change it
+    #: Whether an algebraic equation 0 = g determines the state; its initial value is a guess.
     is_algebraic: bool = False
-    #: If the state is a storage's content: name of the algebraic unknown computed from it.
+    #: If the state is the content of storages: name of the algebraic unknown computed from it.
     follower: str = ""
 
 
@@ -133,12 +133,12 @@ class ConstraintSet:
     # and rates that are not states.
     start_rows: tuple[Quantity, ...]
     start_is_rate: tuple[bool, ...]  # whether each condition is a rate
-    #: Residuals of the conditions; then the values of the ``redundant`` variables as determined by
-    #: the states, then as prescribed.
+    #: Residuals of the conditions; then the values of the ``redundant`` variables, first those that
+    #: follow from the states, then the prescribed ones.
     start_values: tuple[Node, ...]
-    #: Derivatives of the conditions, for coordinates of their rates, by the speeds.
+    #: Derivatives of the conditions with respect to the speeds; for coordinates, of their rates.
     start_gradient: tuple[tuple[Node, ...], ...]
-    #: Prescribed initial values of network variables that the states determine, too.
+    #: Prescribed initial values of network variables that the states also determine.
     redundant: tuple[RedundantRow, ...] = ()
 
 
@@ -148,7 +148,7 @@ class Guard:
 
     value: Node
     what: str  # name of the value, used as the subject of a message
-    is_strict: bool  # whether the value must be positive, not only nonnegative
+    is_strict: bool  # whether the value must be positive instead of nonnegative
     #: End of the message if the condition fails; empty for "must be positive" and the like.
     breach: str = ""
     parameters: tuple[str, ...] = ()  # names of the parameters on which the value depends
@@ -156,7 +156,7 @@ class Guard:
     def named(self, names: Sequence[str]) -> Guard:
         """Return the guard with its parameters' names; ``names`` are those of all parameters."""
         symbols = symbols_in([self.value])
-        # Symbols of parameters are numbered in the order of the tunable parameters.
+        # The numbers of parameter symbols are indices of tunable parameters.
         places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
         return replace(self, parameters=tuple(names[place] for place in places))
 
@@ -181,7 +181,7 @@ class Guard:
 
     def check(self, number: float) -> None:
         """Raise ParameterError if the number does not satisfy the guard."""
-        # The comparison is false for nan, which therefore violates every guard.
+        # A comparison with nan is false, so nan violates every guard.
         if number > 0.0 or (number == 0.0 and not self.is_strict):
             return
         if self.breach:
@@ -200,15 +200,15 @@ class EventRow:
     # Indices of the states that the event sets: by expressions, then by its impact.
     targets: tuple[int, ...]
     watched: int  # index of the event function in :attr:`Equations.output_values`
-    new_values: range  # indices of the expressions there, one for each target
+    new_values: range  # their indices in :attr:`Equations.output_values`, one for each target
     #: Index of the coefficient of restitution in the new values; None without an impact.
     restitution: int | None
-    results: range  # indices of all its new values among those of all events
-    #: Whether it sets the mode of a jump in an expression, by an increment.
+    results: range  # indices of the event's new values among the new values of all events
+    #: Whether the event increments the mode of a jump in an expression.
     is_jump: bool = False
     is_count: bool = False
-    #: Role of the event for an edge whose mode is selected together with others, see
-    #: :class:`cotree.scene.events.ModePart`; zero if none.
+    #: Role of the event for an edge whose mode is chosen together with the modes of other edges,
+    #: see :class:`cotree.scene.events.ModePart`; zero if there is none.
     part: int = 0
     #: Whether the event is an impact that a rigid stop ends at rest; whether its function is the
     #: force of a stop; whether its function is the slip of friction at a stop.
@@ -219,7 +219,7 @@ class EventRow:
     @property
     def kept(self) -> tuple[int, ...]:
         """Indices of the states that expressions set, which projection must not change."""
-        # Targets of expressions come first, those of the impact after them.
+        # Targets of expressions precede targets of the impact.
         return self.targets[: len(self.new_values)]
 
     @property
@@ -228,7 +228,7 @@ class EventRow:
         own = dict(zip(self.kept, self.new_values, strict=True))
         if self.restitution is None:
             return own
-        # One coefficient of restitution determines all speeds, by the impulse of the impact.
+        # The coefficient of restitution and the impulse determine all speeds after an impact.
         return own | dict.fromkeys(self.targets[len(own) :], self.restitution)
 
 
@@ -238,7 +238,7 @@ class HeldUnknown:
 
     name: str
     column: tuple[Node, ...]  # generalised forces per unit of the unknown
-    sizes: tuple[Node, ...]  # sums of the squares of the terms of each entry
+    sizes: tuple[Node, ...]  # sums of the squared terms of each entry
 
 
 @dataclass(frozen=True)
@@ -253,20 +253,20 @@ class Equations:
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     parameter_values: tuple[float, ...]  # values stated in the scene, which a run may replace
-    #: Symbols of u, and their values in the scene as functions of time and parameters.
+    #: Symbols of u, and values of u in the scene as functions of time and parameters.
     input_symbols: tuple[Node, ...]
     input_values: tuple[Node, ...]
-    # Symbols of w in A(x) w = b(x) and of its derivatives, which lowering eliminates.
+    # Symbols of w in A(x) w = b(x) and of the derivatives of w. Lowering eliminates them.
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]
     matrix: Sequence[Sequence[Node]]  # matrix A of ``A w = b``, symmetric
     forcing: tuple[Node, ...]  # right-hand side b of ``A w = b``
-    is_safe: tuple[bool, ...]  # whether each unknown has a positive pivot at every state
+    is_safe: tuple[bool, ...]  # whether each unknown has a positive pivot in every state
     holding: tuple[HeldUnknown, ...]  # multipliers of friction and stops, the last unknowns
     #: Links of the tree, if elimination along it costs less than elimination of the matrix.
     links: tuple[TreeLink, ...]
     rates: tuple[Node, ...]  # M x' as functions of x and w
-    balances: tuple[Node, ...]  # ``A w - b`` as formulated, for printing
+    balances: tuple[Node, ...]  # ``A w - b`` as formulated, for display
     constraints: ConstraintSet  # constraints; their multipliers follow the accelerations in w
     #: Values of outputs y, of event functions, then new values and restitution, event by event.
     output_values: tuple[Node, ...]
@@ -280,11 +280,11 @@ class Equations:
     n_network_states: int = 0
     n_modes: int = 0
     events: tuple[EventRow, ...] = ()
-    #: Derivative along the motion, in terms of symbols for the rates of the states, if there are
-    #: events or algebraic unknowns.
+    #: Derivative along the motion, as a function of symbols for the state rates; None without
+    #: events and algebraic unknowns.
     motion: Derivative | None = None
     #: Derivative along a common change of all states and of the parameters of several
-    #: sensitivities, in terms of symbols for these changes; see :mod:`cotree.dag.nodes`.
+    #: sensitivities, as a function of symbols for these changes; see :mod:`cotree.dag.nodes`.
     direction: Derivative | None = None
     #: Kinks at the ends of branches that are frozen during steps; see
     #: :mod:`cotree.program.surfaces`.
@@ -304,13 +304,13 @@ class Equations:
     @property
     def n_speeds(self) -> int:
         """Number of speeds; their rates are the first unknowns."""
-        # Each constraint, and each edge held by friction, has a multiplier among the unknowns.
+        # Each constraint, and each edge held by friction, adds a multiplier to the unknowns.
         return len(self.unknowns) - len(self.constraints.rows) - len(self.holding)
 
     @property
     def n_coordinates(self) -> int:
         """Number of coordinates, which come first among the states."""
-        # Free rotations have four coordinates but three speeds, so that the numbers differ.
+        # A free rotation has four coordinates but three speeds, so the numbers may differ.
         others = self.n_speeds + self.n_network_states + self.n_algebraic
         return len(self.states) - others
 

@@ -88,7 +88,7 @@ class UnsolvedError(Exception):
     """The algebraic unknowns cannot be continued to a point; a shorter step may help."""
 
 
-#: Largest number of names in a message, and largest number that are compared with a misspelt one.
+#: Maximum number of names in a message, and of names that are compared with a misspelt one.
 _MOST_LISTED, _MOST_COMPARED = 200, 1000
 _MOST_IN_SENTENCE = 8
 
@@ -110,7 +110,7 @@ def _closest(name: str, choices: Sequence[str]) -> str:
     folded: dict[str, str] = {}
     for choice in choices:
         folded.setdefault(choice.lower(), choice)
-    # A wrong case is the most likely mistake, and the only one in names of one letter.
+    # A wrong case is the most likely mistake. In names of one letter, only case is compared.
     if name.lower() in folded:
         return folded[name.lower()]
     close = difflib.get_close_matches(name, choices, n=1)

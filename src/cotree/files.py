@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def template_folder() -> Path:
     """Return the template folder, of the installed package or of the source tree."""
-    # An installed package contains a copy; in the source tree they are next to ``src``.
+    # An installed package contains the templates; in the source tree they are next to ``src``.
     package = Path(__file__).resolve().parent
     for folder in (package / "_templates", package.parents[1] / "templates"):
         if (folder / "c").is_dir():
@@ -30,7 +30,7 @@ def template_folder() -> Path:
 
 def read_text(source: str | Path, largest: int) -> str:
     """Read a UTF-8 text file; raise SceneError if that fails or it has over ``largest`` bytes."""
-    if not os.path.isfile(source):  # Path.is_file raises an error for too long names
+    if not os.path.isfile(source):  # Path.is_file would raise an error for a name that is too long
         raise SceneError(f"'{brief(source, 200)}' is not a file: check its path")
     try:
         with Path(source).open("rb") as file:
@@ -106,7 +106,7 @@ def write_csv(path: str | os.PathLike[str], rows: Iterable[Iterable[object]]) ->
 
 
 def _cell(value: object) -> object:
-    if not isinstance(value, float):  # scalars of type numpy.float64 are instances of float
+    if not isinstance(value, float):  # numpy.float64 is a subclass of float
         return value
     return "" if math.isnan(value) else repr(float(value))
 
@@ -134,7 +134,7 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
     """Return the path of an output file; raise SceneError for a name that no file can have."""
     target = Path(path)
     try:
-        # Otherwise the system would raise other errors for these names, some only on writing.
+        # For such names, the system would raise other errors, some only on writing.
         is_possible = b"\0" not in os.fsencode(target)
     except UnicodeEncodeError:
         is_possible = False
@@ -152,7 +152,7 @@ def atomic_write(path: str | os.PathLike[str], what: str = "the file") -> Iterat
     """
     target = target_path(path, what)
     is_other = target.is_symlink() or (target.exists() and not target.is_file())
-    # In the same folder, since files can only be replaced atomically within a file system.
+    # Files can only be replaced atomically within a file system, so use the same folder.
     folder = Path(tempfile.gettempdir()) if is_other else target.parent
     draft = folder / f".{target.name}.{os.getpid()}.tmp"
     try:
@@ -164,6 +164,6 @@ def atomic_write(path: str | os.PathLike[str], what: str = "the file") -> Iterat
     except OSError as error:
         raise SceneError(f"cannot write {what} '{target}': {error.strerror or error}") from None
     finally:
-        # After success the temporary file has been renamed; after an error it is removed.
+        # The temporary file has been renamed after success; remove it after an error.
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)

@@ -109,14 +109,14 @@ def _without_doubles(name: str) -> str:
 
 
 _WORD = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")
-#: Minimum length of names that are compared; shorter ones are symbols, such as r and R or m and M.
+#: Minimum length of compared names. Shorter names are symbols, such as r and R or m and M.
 _SHORTEST = 3
 
 
 def name_findings(scene: SceneDescription) -> Iterator[Finding]:
     """Find unused parameters and inputs, and names that differ in case only."""
     used = used_names(scene)
-    # A scene that was read from another tool's file declares all symbols, used or not.
+    # A file of another tool may declare symbols that it does not use.
     own = scene.origin is None
     for kind, table in (("parameter", scene.parameters), ("input", scene.inputs)):
         for name in table:
@@ -141,7 +141,7 @@ def used_names(scene: SceneDescription) -> set[str]:
     for edge in scene.edges.values():
         values = chain(edge.fields.values(), edge.initial.values())
         found |= {name for value in values for entry in entries(value) for name in entry.names}
-        # Names in fields that components process before they become expressions.
+        # Components process names in these fields before they become expressions.
         fields = {k: v for k, v in edge.statement.items() if k not in ("type", "nodes")}
         found |= set(_words(fields))
     return found
@@ -237,7 +237,7 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
         for node in {*edge.nodes, *acts}:
             touching[node].append(edge)
     observed = {owner for name in used_names(scene) for owner in _owners(name)}
-    # An outer scene connects the ports.
+    # The outer scene connects the ports.
     observed |= set(scene.ports)
     observed |= {node for node, _ in scene.defaults.held}
     if scene.origin is not None:
@@ -253,7 +253,7 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
         is_end = edge.component.role is Role.BODY  # bodies may move freely
         if is_end and edge.initial:
             continue  # a body may have a given start
-        # Sensing terminals and open ends of a component with several nodes are usual.
+        # Sensing terminals and open ends are usual for a component with several nodes.
         is_open = edge.component.role is Role.NETWORK and len(edge.ports) > 1
         if not close and not is_refused and (is_end or is_open):
             continue
@@ -274,7 +274,7 @@ def _owners(name: str) -> Iterator[str]:
 def _is_shorted(edge: Edge) -> bool:
     if edge.component.role is not Role.NETWORK:
         return len(edge.nodes) == 2 and edge.nodes[0] == edge.nodes[1]
-    # A transistor used as a diode is valid: only one of its ports is shorted.
+    # A transistor used as a diode has one shorted port, which is valid, so test all ports.
     return bool(edge.ports) and all(e.tail and e.tail == e.head for e in edge.ports)
 
 
@@ -361,7 +361,7 @@ class _Known:
 def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
     known = _Known(scene)
     for kind, name, what, unit, value in _expressions(scene):
-        # Forming the equations already rejects a single name of another dimension. If no name has a
+        # If only one name occurs, forming the equations rejects a wrong dimension. If no name has a
         # stated unit, the user may have chosen another unit system.
         if known.states(single_name(value)) or not known.states_any(value):
             continue
@@ -512,7 +512,7 @@ def lint(
     """
     allowed = (*scene.allowed, *check_allowed(list(allow)))
     found: list[Finding] = []
-    # A scene with open ports cannot be formed alone, since its nodes may float.
+    # Nodes of a scene with open ports may float, so its equations cannot be formed.
     if is_formed and not scene.ports:
         found += _refused(scene)
     for findings in (name_findings, topology_findings, value_findings):
@@ -560,7 +560,7 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
                 if model.backend != "none":
                     check_start(model)
                 return
-            # Imported here, since every run lints without forming equations.
+            # Imported here, because every run lints, but without forming equations.
             from cotree.formulation.early import check_numbers, within_range
             from cotree.pipeline import formulate
             from cotree.scene.jumps import lower_discontinuities
@@ -596,6 +596,6 @@ def _with_lines(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[F
         for node in edge.nodes:
             first.setdefault(node, edge.name)
     for row in found:
-        # A node has the line of its first edge.
+        # A node has no line; use the line of its first edge.
         key = ("edge", first.get(row.name, "")) if row.kind == "node" else (row.kind, row.name)
         yield replace(row, line=lines.get(key))

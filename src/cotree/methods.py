@@ -20,19 +20,19 @@ class Method:
     #: sensitivities in separate vectors.
     family: str
     implicit: bool  # whether the method uses a Jacobian
-    multistep: bool  # whether a step depends on several earlier ones
-    #: Method used if C cannot run this one, or suggested for SciPy methods and correctors.
+    multistep: bool  # whether a step depends on several previous steps
+    #: Method used if C cannot run this one, or suggested in place of SciPy methods and correctors.
     instead: str = ""
     #: Name of the C stepper in ``codegen.c_files.STEPPERS``; empty for SciPy methods.
     stepper: str = ""
-    #: Whether C always integrates algebraic unknowns, not solves for them at each evaluation.
+    #: Whether algebraic unknowns are always integrated in C, not solved for at each evaluation.
     keeps_algebraic: bool = False
     #: SUNDIALS number of the corrector for sensitivities in separate vectors; zero without one.
     corrector: int = 0
 
 
 _ROWS = (
-    # RK45 is the Dormand-Prince pair, too. SciPy lacks the Fehlberg pair of the paper's example.
+    # RK45 is also the Dormand-Prince pair. SciPy lacks the Fehlberg pair of the paper's example.
     Method("dopri5", "cotree", False, False, "RK45", "dopri5"),
     Method("rkf45", "cotree", False, False, "RK45", "rkf45"),
     Method("dop853", "cotree", False, False, "DOP853", "dop853"),
@@ -58,7 +58,7 @@ METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}
 #: Major and minor SUNDIALS version whose structures ``cotree_sundials.c`` copies.
 SUNDIALS_VERSION = (7, 9)
 
-#: SUNDIALS libraries with sensitivities; those without have functions of the same names.
+#: SUNDIALS libraries with sensitivities; libraries without them define functions of equal names.
 WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
 
 #: Names of the SUNDIALS libraries.

@@ -39,7 +39,7 @@ _C_KEYWORDS = frozenset(
 )
 
 
-#: Lower-case names of other functions, files and targets in a C project; prefix of its own.
+#: Lower-case names of functions, files and targets in every C project; prefix of cotree's names.
 _NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean", "help"}), "cotree_"
 
 

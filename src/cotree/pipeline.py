@@ -78,7 +78,7 @@ def draw_graphs(
     from cotree.formulation.networks.network import draw_networks
 
     _, networks, normal = draw_networks(scene)
-    # As for mechanisms, the tree of the across variables is shown.
+    # Show the tree of the across variables, as for mechanisms.
     across = {domain: tree.across for domain, tree in normal.items()}
     return {**graphs, **networks}, {**trees, **across}
 
@@ -106,8 +106,8 @@ def formulate(
     with within_range(scene):
         check_scene_units(scene)
         trees = trees_to_try(scene, tree)
-        # Every alternative has circuits, cutsets, elimination and derivatives for one parameter.
-        # Only the chosen one has all sensitivity graphs (Eq. (4) of the paper).
+        # All alternatives have circuits, cutsets, elimination and derivatives for one parameter.
+        # The chosen one also has all sensitivity graphs (Eq. (4) of the paper).
         first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
         _check_kinks(first, sensitivities)
         if sensitivities:
@@ -119,7 +119,7 @@ def _check_kinks(first: FirstGraph, sensitivities: Sequence[str]) -> None:
     """Raise an error if sensitivities jump at a kink whose time is unknown before the run."""
     parameters = first.system.tunable
     for what, symbols in (first.network.kinks if first.network else {}).items():
-        # If a kink depends on states or inputs, its time depends on all parameters.
+        # The time of a kink that depends on states or inputs depends on all parameters.
         of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
         for name in sensitivities:
             if of_time and parameters.get(name) not in symbols:
@@ -175,7 +175,7 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     trees = trees_to_try(scene, None)
     try:
         alternatives = choose_first_graph(scene, trees, ())[1]
-    except (Error, ArithmeticError):  # such as a constant beyond the range of doubles
+    except (Error, ArithmeticError):  # for example a constant beyond the range of doubles
         return ()
     for pair in separate_trees(scene.mechanics):
         with suppress(Error, ArithmeticError):
@@ -195,16 +195,16 @@ def equations_of_deviations(first: FirstGraph) -> tuple[Equations, tuple[Derivat
 @without_collection()
 def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
     """Lower equations to a program and run the optimisation passes."""
-    # Lowering eliminates the accelerations; passes then change operations, never values.
+    # Lowering eliminates the accelerations. Passes change operations but no values.
     return run_passes(lower(equations))
 
 
 def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
     """Form the C text of the steady-state equations that determine a model's operating point."""
-    # The steady state does not depend on initial values, so these sensitivities are left out.
+    # The steady state does not depend on initial values, so omit their sensitivities.
     given = [name for name in layout.sensitivities if name in scene.parameters]
     wanted = [row.name for row in layout.states]
-    for total, _ in layout.followers:  # not the totals but the variables that follow from them
+    for total, _ in layout.followers:  # variables that follow from totals replace the totals
         wanted[total] = "0"
     from cotree.scene.variants import scene_at_rest
 
@@ -232,14 +232,14 @@ def form_text(
     """Form the C text of a scene; :class:`cotree.spec.BuildSpec` describes the arguments."""
     with within_range(scene):
         marks = [time.perf_counter()]
-        # Jumps inside expressions become events, which the engine locates, except in equations for
-        # display and for operating points.
+        # Jumps in expressions become events, which the engine locates. Equations for display and
+        # for operating points keep them.
         acting = lower_discontinuities(scene, has_sensitivities=bool(sensitivities))
         first, equations, alternatives = formulate(
             acting, sensitivities, tree, baumgarte, check_numbers
         )
         marks.append(time.perf_counter())
-        # Except for display, branches of piecewise expressions are frozen during steps.
+        # Branches of piecewise expressions are frozen during steps, unless only for display.
         program, reports = generate(freeze_branches(equations) if locates_kinks else equations)
         context = model_context(program)
         causes = [sentence for _, sentence in tiny_masses(scene)][:2]

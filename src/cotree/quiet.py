@@ -39,7 +39,7 @@ def without_warnings(
     # In the form of `warnings.filters`: action, message, category, module, line (0 for any line).
     entry = ("ignore", pattern, category, re.compile(module) if module else None, 0)
     with _lock:
-        # Only the first user adds the filter, unless the program has it already.
+        # The filter is added by its first user, unless the program has already set it.
         count, filters = _ignored.get(entry, (0, []))
         if not count and entry not in warnings.filters:
             filters = _filters()

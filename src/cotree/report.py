@@ -74,7 +74,7 @@ class Table:
         note = ", ".join(f"{n} more {what}" for what, n in hidden.items() if n > 0)
         title = f'<caption style="text-align:left">{escaped(self.caption)}</caption>'
         body = f"<thead>{head}</thead><tbody>{''.join(shown)}</tbody>"
-        # The style overrides page styles that centre all tables.
+        # The style overrides pages that centre all tables.
         found = f'<table style="margin-left:0">{title if self.caption else ""}{body}</table>'
         return found + (f'<p style="opacity:.7">… {note}</p>' if note else "")
 
@@ -112,7 +112,7 @@ class Values(Table):
 
     def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
         width = max(len(row[0]) for row in rows)
-        # Positive numbers begin with a space in place of the minus sign.
+        # A positive number begins with a space, to align it with negative numbers.
         gaps = [" " if isinstance(row[1], float) and not row[1] < 0.0 else "" for row in self.rows]
         return [
             f"{name:<{width}} = {gap}{' '.join(rest)}"
@@ -173,7 +173,7 @@ class Report:
 
     def html(self) -> str:
         """Return the report as HTML."""
-        # With these classes MathJax does not format text between dollar signs.
+        # These classes prevent MathJax from formatting text between dollar signs.
         head = '<div class="tex2jax_ignore mathjax_ignore">'
         title = f"<p><b>{escaped(self.title, 1000)}</b></p>" if self.title else ""
         parts = [

@@ -35,7 +35,7 @@ class Result(RunRecord):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for pickling, without the model (a loaded library) and the settings."""
-        # Pointers, and functions as inputs, are not valid in another process.
+        # The model contains pointers, and inputs may be functions: another process cannot use them.
         return {**super().__getstate__(), "model": None, "settings": None}
 
     def smooth(self) -> RunRecord:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-#: Lock for forming nodes in an arena that other threads can access, such as that of a compiled
-#: model. It is not held during compilation and integration.
+#: Lock for forming nodes in an arena that other threads can access, such as a compiled model's.
+#: Compilation and integration do not hold it.
 forming = threading.RLock()
 
 

@@ -39,11 +39,11 @@ class BuildSpec:
     scene: SceneDescription  # the scene, which must not be changed afterwards
     sensitivities: tuple[str, ...] = ()  # parameters and states to which sensitivities are taken
     tree: TreeChoice = None  # the branches; None chooses them automatically
-    #: The user's options for the compiler.
+    #: Compiler options of the user.
     options: BuildOptions = field(default_factory=BuildOptions)
     #: Decay rate of constraint violations, [1/s]; zero: constraints are satisfied by projection.
     baumgarte: float = 0.0
-    #: Whether runs locate kinks of the rates instead of leaving them to the error test.
+    #: Whether runs locate kinks of the rates; otherwise the error test detects them.
     locates_kinks: bool = True
 
     @property
@@ -55,13 +55,13 @@ class BuildSpec:
         return self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_kinks
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Only fields, without cached properties.
+        # Keep the fields, drop cached properties.
         return BuildSpec, tuple(getattr(self, row.name) for row in fields(self))
 
     @locked_cached_property
     def formed(self) -> Formed:
         """Results of all stages up to the C text."""
-        # Imported here, since a cached program needs no formulation.
+        # Imported here, because a cached program requires no formulation.
         from cotree.pipeline import form_text
 
         own = self.sensitivities, self.tree, self.baumgarte, self.locates_kinks
@@ -87,7 +87,7 @@ class BuildSpec:
         """
         begun = time.perf_counter()
         text = cached(self.key, lambda: self.formed.text)
-        # If the program was cached, these stages did not run.
+        # These stages did not run if the program was cached.
         formed = vars(self).get("formed")
         times = {"formulate": time.perf_counter() - begun, "generate": 0.0}
         times = dict(formed.times) if formed else times
@@ -107,7 +107,7 @@ class BuildSpec:
 
             return text_at_rest(text.layout, self.scene)
 
-        # A function, called at the first request of a start, forms the steady-state equations.
+        # The steady-state equations are formed by a function at the first request of a start.
         key = None if self.key is None else ("at rest", self.key)
         return lambda: cached(key, form)
 

@@ -8,24 +8,23 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-#: At this relative tolerance the error of a step may be as large as the solution.
+#: At this relative tolerance, the error of a step may equal the solution.
 LARGEST_RTOL = 1.0
 
-#: Above this relative tolerance error estimates are unreliable, since they are leading terms of
-#: series.
+#: Above this relative tolerance, error estimates are unreliable: they are leading terms of series.
 LOOSE_RTOL = 1e-2
 
 #: A step fails if projection changes its end by more than this many tolerances on average.
 FARTHEST_CORRECTION = 10.0
 
-#: Added to divisors, or used as their lower bound, which only affects zeros. In other
-#: floating-point types the value is scaled with their range.
+#: Lower bound of divisors, or added to them, so that only zeros are affected. It is scaled to the
+#: range of the floating-point type.
 TINY = 1e-290
 
 #: Relative distance, a few rounding errors, within which time events are one event.
 SAME = 8 * 2.0**-52
 
-#: Gradients are redundant if pivots or singular values are below this share of the largest.
+#: A gradient is redundant if its pivot or singular value is below this fraction of the largest.
 RANK = 1e-10
 
 
@@ -40,9 +39,8 @@ class Limits(NamedTuple):
     #: error if it is over half the previous one, since Newton's method converges quadratically.
     most_projections: int = 10
     small_correction: float = 1e-8
-    #: Constraints are violated if a residual, in its own unit, exceeds this fraction of max(1,
-    #: largest state). Trial steps near singular configurations, at a tolerance of 1e-8, remain
-    #: below it.
+    #: Constraints are violated if a residual, in its unit, exceeds this fraction of max(1, largest
+    #: state). At a tolerance of 1e-8, trial steps near singular configurations do not exceed it.
     largest_residual: float = 1e-6
     #: Rates jump at a breakpoint if their difference across it exceeds their change over the same
     #: time on one side by this factor. Smaller differences are due to rounding of the time.
@@ -51,8 +49,8 @@ class Limits(NamedTuple):
     #: step may occur before a breakpoint; ``stall_steps`` in a row are a stall.
     stall_spacings: int = 16
     stall_steps: int = 5
-    #: A run that becomes stiff changes its method only if more than this many steps remain: the
-    #: other method must first be compiled, and needs a few hundred steps and matrices itself.
+    #: A stiff run changes its method only if more than this many steps remain, because the other
+    #: method must first be compiled and needs a few hundred steps and matrices itself.
     most_stiff_steps: int = 1000
     #: Maximum length of a chain of simultaneous events that trigger each other.
     event_rounds: int = 50
@@ -60,9 +58,9 @@ class Limits(NamedTuple):
     #: methods, in tolerances.
     history_points: int = 6
     history_doubt: float = 4.0
-    #: Pivots chosen in advance are accepted up to this relative error of matrix entries.
+    #: A pivot chosen in advance is accepted up to this relative error of matrix entries.
     planned_pivots: float = 1e-10
-    #: Number of past times stored for each event; as many within 1e-9 of the span are chatter.
+    #: Number of stored times of an event. If all are within 1e-9 of the span, the event chatters.
     event_crowd: int = 100
 
 

@@ -18,8 +18,8 @@ from typing import Any
 from cotree.errors import UnitError, brief, nearest
 from cotree.quiet import parsing
 
-#: Exponents of m, kg, s, A, K, mol, cd, and of angle and cycles, which are dimensionless in SI.
-#: Angle and cycles distinguish a speed in rad/s from a frequency in Hz, although both are 1/s.
+#: Exponents of m, kg, s, A, K, mol and cd, then of angle and cycles, which SI treats as
+#: dimensionless. They distinguish a speed in rad/s from a frequency in Hz, both 1/s.
 Dimension = tuple[float, ...]
 
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad", "Hz")
@@ -112,11 +112,11 @@ def same_dimension(a: Dimension, b: Dimension) -> bool:
 
 def unit_text(dimension: Dimension) -> str:
     """Write a dimension as an SI unit: one symbol if possible, otherwise base units."""
-    # Radians are omitted next to other units, as in a torque per radian times radians.
+    # Omit radians next to other units, as in a torque per radian times radians.
     if any(dimension[base] for base in range(_N_TRUE) if base != _SECOND):
         dimension = (*dimension[:_ANGLE], 0.0, *dimension[_ANGLE + 1 :])
     if dimension == _SI["J"]:
-        return "N m"  # both energies and torques are displayed in N m
+        return "N m"  # energies and torques are both displayed in N m
     for symbol, known in _SI.items():
         if known == dimension:
             return symbol
@@ -173,7 +173,7 @@ def read_unit(text: str) -> Unit:
     factor = Fraction(1)
     for symbol, power in symbols:
         whole = power.is_integer()
-        # Integer powers of fractions are exact; others are computed as doubles.
+        # An integer power of a fraction is exact; another power is computed as a double.
         factor *= symbol.factor ** int(power) if whole else _exact(float(symbol.factor) ** power)
     if not 1e-100 < factor < 1e100:
         raise UnitError("whose factor to SI is out of reach")
@@ -208,7 +208,7 @@ def _parts(text: str) -> list[tuple[str, float]]:
         word = f"**{word.translate(_RAISED)}" if kind == "power" else word
         words.append(_SPELT.get(word, word))
     if words == ["-"]:
-        return []  # a dash means that there is no unit
+        return []  # a dash denotes that there is no unit
     try:
         with parsing:
             tree = ast.parse("".join(words), mode="eval").body
@@ -285,7 +285,7 @@ def _foreign(name: str) -> _Symbol:
         exponents["Hz"] = 1.0
     dimension = _of(**exponents)
     offset = _exact(zero.magnitude)
-    if offset:  # rounding errors in pint's table are larger than those of temperature differences
+    if offset:  # pint's differences of temperatures have smaller rounding errors than its offsets
         one = registry.Quantity(1.0, f"delta_{own}").to_base_units()
     factor = _exact(one.magnitude)
     si = next((n for n, own_dimension in _SI.items() if own_dimension == dimension), None)

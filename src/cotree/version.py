@@ -10,5 +10,5 @@ ABI_VERSION = 10
 try:
     #: Version of the installed package.
     VERSION = version("cotree")
-except PackageNotFoundError:  # cotree runs from a source tree that is not installed
+except PackageNotFoundError:  # cotree runs from a source tree without installation
     VERSION = "0.0.0"

@@ -23,11 +23,11 @@ _OPTION = "--method"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, with the arguments of the process by default; return the exit code."""
     begin_engine(sys.argv[1:] if arguments is None else arguments)
-    # This import is slow, but the compiler runs in another process.
+    # The slow import overlaps with the compiler, which runs in another process.
     from cotree.cli.app import main as run
 
     code = run(arguments)
-    # If a Python program passed arguments, it may still need the engine.
+    # If a Python program passed arguments, it may continue to use the engine.
     engine = sys.modules.get("cotree.solvers.engine")
     if code and arguments is None and engine is not None:
         engine.abandon_ahead()

@@ -65,7 +65,7 @@ def lint_scene(
 ) -> None:
     """List suspicious statements of a scene: unused names, dangling nodes, inconsistent units.
 
-    Exit code 1 if anything is. Entries of allow = ["RULE:NAME"] in the file are on purpose.
+    Exit code 1 if there is a finding. Entries of allow = ["RULE:NAME"] in the file are on purpose.
     """
     found = read_scene(scene).lint(allow)
     if as_json:
@@ -83,10 +83,10 @@ def warn_of(scene: Scene) -> None:
     def findings() -> list[Finding]:
         from cotree.lint import lint
 
-        # The run itself reports errors, and unused names do not change results.
+        # Errors are left to the run, and unused names do not change results.
         return [row for row in lint(scene, is_formed=False) if not row.rule.startswith("unused")]
 
-    # Only an empty result is cached, since line numbers change with the file.
+    # Only an empty result is cached, because findings contain line numbers, which change.
     found = findings() if cached(("findings", scene), lambda: bool(findings())) else []
     for row in found[:_MOST_WARNINGS]:
         typer.echo(str(row), err=True)
@@ -319,7 +319,7 @@ app = typer.Typer(
 )
 
 
-#: Error numbers of an output that accepts no more data: disk full, quota exceeded, device error.
+#: Error numbers of a full output device: disk full, quota exceeded, file too large, I/O error.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
@@ -337,7 +337,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 if sys.stdout is not None:  # the process may start with a closed output
                     sys.stdout.flush()
     except SystemExit as stop:
-        # Typer raises SystemExit on success, too; if its code is a text, the command failed.
+        # Typer raises SystemExit even on success. A text as exit code is a failure.
         return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
     # Any other exception is a defect of cotree and keeps its traceback.
     except Error as error:
@@ -349,7 +349,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno not in _FULL:
             raise
         print_error(f"the output cannot be written: {error.strerror}")
-        sys.stdout = None  # otherwise Python would write the rest when it exits
+        sys.stdout = None  # otherwise Python would try to flush stdout when it exits
         return 2
     return 0
 
@@ -426,10 +426,10 @@ def run_scene(
         check_names(model, show)
     end = described.defaults.t_end if t_end is None else t_end
     result = model.simulate((0.0, end), points, **settings)
-    # The report is printed even if a file cannot be written.
+    # Print the report even if a file cannot be written.
     kernels = f"kernels in {model.kernels.backend}"
     kernels += " from the cache" if model.kernels.cached else ""
-    # A warning on standard error has already reported the failure.
+    # A failed run has already been reported by a warning, so its first part is skipped.
     parts = result.report().parts[0 if result.success else 1 :]
     title = f"{described.headline}; {len(model.states)} states, {kernels}"
     typer.echo(Report(title, *parts, derived_values(model, settings["parameters"])).text())
@@ -440,7 +440,7 @@ def run_scene(
     elif animate is not None:
         draw_curves(result, animate, show)
         typer.echo(f"wrote {animate}: nothing moves in space here, so it shows curves over time")
-    # Results of a failed run are written, too.
+    # Write files even if the run failed.
     if not result.success:
         raise typer.Exit(1)
 

@@ -113,7 +113,7 @@ def fit_scene(
     from cotree.estimation.fit import fit
     from cotree.plot import save_figure
 
-    # Arguments are checked before anything is compiled.
+    # Check arguments before anything is compiled.
     check_picture(plot)
     check_folder(output)
     if not data:
@@ -150,7 +150,7 @@ def fit_scene(
     write_file(plot, lambda path: save_figure(result.plot(), path))
     if any(row.message.startswith("interrupted") for row in result.starts):
         raise typer.Exit(INTERRUPTED)
-    # The estimates are printed even if the optimiser did not converge.
+    # Print the estimates even if the optimiser did not converge.
     if not result.starts[0].is_converged:
         raise typer.Exit(1)
 
@@ -257,7 +257,7 @@ def optimise_scene(
     if csv is not None or plot is not None:
         from cotree.cli.picture import draw_run
 
-        # This run has the solver's steps, runs of the search only the times of the goals.
+        # Output all steps of this run; runs of the search output only the times of the goals.
         settings |= {
             "parameters": {**values, **found.settings["parameters"]},
             "initial": {**initial, **found.settings["initial"]},

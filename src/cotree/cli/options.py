@@ -46,7 +46,7 @@ def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     """Parse the values ``name=text`` of an option that may be repeated; names must differ."""
     pairs: dict[str, str] = {}
     for text in texts:
-        # Only the first equals sign separates, since expressions may contain others.
+        # Split at the first equals sign only, because expressions may contain others.
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise ParameterError(
@@ -64,7 +64,7 @@ def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
     tolerances: list[float | tuple[float, float]] = []
     for text in texts:
         try:
-            # If there are more than two numbers, unpacking them raises a ValueError, too.
+            # Unpacking more than two numbers also raises ValueError.
             rtol, *rest = (float(part) for part in text.split(","))
             (atol,) = rest or (None,)
         except ValueError:
@@ -246,7 +246,7 @@ def read_scene(
     from cotree.api import load
     from cotree.readers import is_urdf
 
-    if is_urdf(source):  # the options apply to robots only
+    if is_urdf(source):  # the options do not apply to other formats
         from cotree.reading import read_urdf
 
         scene = read_urdf(source, *_ROBOT.get())
@@ -288,7 +288,7 @@ def warnings_in_one_line() -> Iterator[None]:
         print_error(f"warning: {message}")
 
     with warnings.catch_warnings():
-        # By default, Python shows repeated warnings from the same line of code only once.
+        # Without this filter, Python shows repeated warnings from one line of code only once.
         warnings.simplefilter("always", RuntimeWarning)
         warnings.showwarning = show
         yield

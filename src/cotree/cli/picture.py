@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from cotree.results import Result
 
 _CIRCLES = 40
-# Relative step of the differences, and tolerance of their runs. They keep truncation and
-# integration errors below 1e-5 of the curve, which is less than a line width.
+# Relative step of finite differences, and tolerances of their runs. Truncation and integration
+# errors remain below 1e-5 of the curve, less than a line width.
 _STEP, _RTOL, _ATOL = 1e-4, 1e-10, 1e-12
 
 
@@ -33,7 +33,7 @@ def draw_run(
     """Draw curves of a result, with finite differences, and save the figure."""
     chosen = check_names(model, names)
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
-    # After a failed run, the runs for finite differences would fail, too.
+    # If the run failed, the runs for finite differences would also fail.
     if result.success:
         overlay = _finite_differences(model, result, chosen.sensitivities, settings)
     save_figure(
@@ -68,7 +68,7 @@ def _finite_differences(
 ) -> dict[tuple[str, str], tuple[Array, Array]]:
     """Compute finite differences for pairs of quantity and parameter, without those that fail."""
     times = np.linspace(result.t[0], result.t[-1], _CIRCLES)
-    # The runs have the method of the result, which may have been chosen automatically.
+    # Use the method of the result, because "auto" could choose another one.
     tight = {"method": result.statistics.method, "rtol": _RTOL, "atol": _ATOL}
     experiment = Experiment(model, times, {**settings, **tight})
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}

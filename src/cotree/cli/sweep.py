@@ -226,7 +226,7 @@ def sweep_scene(
     from cotree.plot.ensembles import SUMMARIES, picture
     from cotree.solvers.engine import build_ahead
 
-    # Arguments are checked before the scene is compiled.
+    # Check arguments before the scene is compiled.
     check_xarray()
     _check_options(grid, sample, members, seed=seed, sampling=sampling)
     if file is not None:
@@ -245,7 +245,7 @@ def sweep_scene(
     end = described.defaults.t_end if t_end is None else t_end
     begun = time.perf_counter()
     try:
-        # The report lists failed members.
+        # The report lists failed members, so suppress the warning.
         with without_warnings(message=r"\d+ of \d+ members failed"):
             runs = model.ensemble(
                 (0.0, end),

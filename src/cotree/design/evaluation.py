@@ -50,7 +50,7 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
     the peak is next to an event.
     """
     k = int(np.argmax(value))
-    # A maximum at an end of the run stays there, so its derivative is the sensitivity.
+    # The time of a maximum at an end of the run is fixed, so its derivative is the sensitivity.
     if k in (0, len(t) - 1):
         return float(value[k]), slopes[:, k].copy()
     before, after = events[events <= t[k]], events[events > t[k]]
@@ -64,7 +64,7 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
     step = t[k + 1] - t[k]
     s = (t[low:high] - t[k]) / step  # time since the largest value, in grid steps
     at, top = _top(s, value[low:high])
-    # The rounding error admits outputs that are constant up to rounding.
+    # The rounding error is added to accept outputs that are constant.
     allowed = _AGREE * float(np.ptp(value)) + _ROUNDING * float(np.max(np.abs(value)))
     inner = slice(1, -1)
     if abs(top - _top(s[inner], value[low:high][inner])[1]) > allowed:

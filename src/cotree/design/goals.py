@@ -133,7 +133,7 @@ class Goals:
             raise ExpressionError(f"{where}: '{brief(text)}' {error}") from None
 
     def _conditions(self, text: object) -> list[Condition]:
-        """Parse a constraint; a chain such as ``0 <= x <= 2`` yields two conditions."""
+        """Parse a constraint; a chain such as ``0 <= x <= 2`` becomes two conditions."""
         tree = self._read(text, "subject_to")
         if not isinstance(tree, ast.Compare):
             raise ExpressionError(
@@ -301,7 +301,7 @@ def _add(scene: SceneDescription, name: str, is_summed: bool, text: str) -> None
                 f"integral({text}) needs a run from initial values, but this scene starts at its "
                 "operating point, where an integral over time has no steady value"
             )
-        # The factor 1.0 may have any unit, so that the integrand need not be a current.
+        # A factor 1.0 without a unit allows the integrand to have any unit.
         current = f"1.0*({text})"
         scene.edge(f"{name}i", "current_source", "ground", f"{name}n", current=current)
         scene.edge(f"{name}c", "capacitor", f"{name}n", "ground", capacitance=1.0)

@@ -126,7 +126,7 @@ def optimise(
     tolerance = check_positive(tolerance, "tolerance")
     max_iterations = check_whole(max_iterations, "max_iterations", 1)
     names = list(over) if isinstance(over, Mapping) else []
-    # Names with a dot may be states, which are checked after compilation.
+    # A name with a dot may be a state, and states are known only after compilation.
     own, after = (n for n in names if "." not in str(n)), ", which is not a parameter of the scene"
     check_known(own, described.parameters, "over names", after, ParameterError)
     goals = Goals(minimise, texts, [n for n in names if n in described.parameters])
@@ -204,7 +204,7 @@ def _known(model: Model, common: Settings) -> dict[str, float]:
     known = dict(zip(model.parameters, map(float, model.default_parameters), strict=True))
     try:
         start = scene_start(model.kernels).y
-    except Error:  # no initial state may exist for the nominal values
+    except Error:  # the nominal values may have no consistent initial state
         start = model.kernels.initial(model.default_parameters)
     known |= dict(zip(model.states, map(float, start), strict=True))
     return {**known, **common.parameters, **common.initial}
@@ -226,7 +226,7 @@ def _check_objective(search: Search, start: Any) -> None:
     found = search.point(start)
     if isinstance(found, Error) or np.any(found.gradient):
         return
-    # The gradient also vanishes if the start is an optimum, so a second point is tested.
+    # The gradient is also zero if the start is an optimum, so test a second point.
     second = search.point(np.asarray(start) * 0.9 + 0.037)
     if not isinstance(second, Error) and not np.any(second.gradient):
         names = listed(f"'{row.name}'" for row in search.space.rows)

@@ -74,7 +74,7 @@ class Search:
         rows = evaluation.goals.conditions
         self.equalities = np.array([row.is_equality for row in rows] * len(evaluation.runs), bool)
         self.steepest = 0.0
-        # norm of the gradient, and size of each constraint, at the start
+        # at the start: norm of the gradient, then size of each constraint
         self._first_slope = 0.0
         self.sizes = np.ones(len(self.equalities))
 
@@ -159,7 +159,7 @@ class Search:
         first = self.point(start)
         if isinstance(first, Error):
             raise first
-        # The objective is scaled to order one, since SciPy's tolerances are absolute.
+        # SciPy's tolerances are absolute, so the objective is scaled to order one.
         unit = max(abs(first.objective), float(np.linalg.norm(first.gradient)), 1e-300)
         return minimize(
             lambda v: self.penalised(v).objective / unit,
@@ -177,7 +177,7 @@ class Search:
         if not equal.size:
             return ()
         if method == "slsqp":
-            # For SLSQP, inequalities have the form g >= 0.
+            # SLSQP expects inequalities in the form g >= 0.
             return [
                 {
                     "type": kind,

@@ -130,7 +130,7 @@ class BlockInC(CObjects):
         results, pattern, problem = self.results, self.pattern, self.pattern.problem
         is_done = (self.ended == DONE) | (self.ended == STOPPED)
         results.steps[is_done] = self.n_steps[is_done]
-        # Members prepared in Python have been checked already.
+        # Members prepared in Python were checked when they finished.
         is_good = is_done.copy()
         if pattern.is_timed and not pattern.is_searched:
             is_good &= is_fine(problem, self.n_steps)
@@ -210,7 +210,7 @@ class BlockInC(CObjects):
         c.start_tables = ffi.cast("cotree_start_tables *", starts.address)
         c.find_start = ffi.cast(ffi.typeof(c.find_start), starts.function)
         if problem.singular is not None:
-            # As for a single run, see Job.begin and refusal.
+            # Repeat the decision of a single run, see Job.begin and refusal.
             is_own = self.pattern.row.family == "cotree" and self.pattern.row.implicit
             c.if_dependent = 2 if is_own else int(self.pattern.newton is None)
 
@@ -269,7 +269,7 @@ class Worker:
         self._members, self._lib = members, members.library.lib
         self._ffi, self._pattern = members.library.ffi, members.pattern
         self._kept: dict[str, Any] = {}
-        # The last prepared member with its problem, and the job of all prepared members.
+        # The member prepared last, with its problem; the job that all prepared members use.
         self._prepared: tuple[int, Problem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model
@@ -297,7 +297,7 @@ class Worker:
         self._width, self._at_once = 0, 0
         if problem.events is not None:
             self._width = 2 + m + 2 * problem.n_states
-            # Largest number of event records of one step, for which C needs space.
+            # C requires space for all event records of one step before the step.
             self._at_once = len(problem.events.event_rows) + LIMITS.event_rounds
             self._grow_records()
 
@@ -334,7 +334,7 @@ class Worker:
             c.member = -1
             return
         if refusal(self._pattern.row.name, problem):
-            # A single run would use another method.
+            # Run alone, because a single run would use another method.
             members.rerun_single(member)
             c.member = -1
             return
@@ -388,7 +388,7 @@ class Worker:
         problem, z = self._problem_in_work(member), self._last_point()
         job, method = c.job, self._pattern.row.name
         if not is_confirmed(problem, float(job.t), z, float(job.last_step), method):
-            # The interval between checks doubles, since they compute eigenvalues.
+            # The checks compute eigenvalues, so the interval between them doubles.
             c.watched_from = 2 * int(job.n_steps)
             return True
         other = stiff_method(problem)
@@ -498,7 +498,7 @@ def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event) -> None:
 
     halt_if_stopped()
     # The calling thread also runs members. If it only waited, two threads could start on one core,
-    # and the system would move one of them only after some milliseconds.
+    # and the system would separate them only after some milliseconds.
     threads = [threading.Thread(target=work, args=(worker,)) for worker in workers[1:]]
     for thread in threads:
         thread.start()

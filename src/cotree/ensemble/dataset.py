@@ -80,7 +80,7 @@ class DatasetSchema:
         found: dict[str, Any] = {}
         n, n_y = len(plan.model.states), len(plan.outputs)
         n_s, n_t = plan.n_sensitivities, len(plan.settings.t_eval)
-        # These are views of z, which contains the states and then their sensitivities by parameter.
+        # Each row of z contains the states, then their sensitivities by parameter.
         y = block.z[:, :, :n].reshape(*shape, n_t, n)
         s = block.z[:, :, n:].reshape(*shape, n_t, n_s, n)
         outputs = block.outputs.reshape(*shape, n_t, n_y)
@@ -108,7 +108,7 @@ class DatasetSchema:
         return found | self._events(shape, block.events)
 
     def _column(self, name: str) -> str:
-        """Return a coordinate name for a column that differs from the names of all variables."""
+        """Return the coordinate name of a column; it differs from the names of all variables."""
         plan = self.plan
         if name in plan.model.states:
             return f"initial({name})"
@@ -150,7 +150,7 @@ class DatasetSchema:
         counts = [np.bincount(members[mask], minlength=n_members) for mask in own]
         most = max((int(count.max(initial=0)) for count in counts), default=0)
         for name, mask, count in zip(names, own, counts, strict=True):
-            # Events are ordered by member: an index less the member's first one numbers them.
+            # Events are sorted by member: subtract the index of the member's first event.
             starts = np.cumsum(count) - count
             member = members[mask]
             place = np.arange(len(member)) - starts[member]
@@ -192,7 +192,7 @@ def _attributes(plan: Plan, members: Members, expressions: Mapping[str, str]) ->
 
 
 def _of_lanes(plan: Plan, n_members: int) -> str:
-    """Return a sentence on whether members run in SIMD lanes and, if not, why."""
+    """Return a sentence that states whether members run in SIMD lanes, or the reason why not."""
     found = pattern_of(plan)
     if isinstance(found, NotBatchable):
         return f"members run one after another, in Python: {found.why}"
@@ -211,9 +211,9 @@ def _arguments(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
     names = ("t_span", "parameters", "initial", "inputs", *SHARED)
     found = {name: plain(getattr(plan.settings, name)) for name in names}
     found["inputs"] = {**found["inputs"], **expressions}
-    # "auto": stiff members may use a method other than the one chosen for all.
+    # If the method was chosen, stiff members may use another one, so "auto" is stored.
     found["method"] = "auto" if plan.is_chosen else found["method"]
-    # Parameters that members set are omitted, since their common values have no effect.
+    # Common values of parameters that members set have no effect and are omitted.
     shared = found["parameters"] or {}
     found["parameters"] = {n: v for n, v in shared.items() if n not in plan.columns}
     return {**found, "sensitivities": plan.n_sensitivities > 0, "outputs": list(plan.outputs)}
@@ -313,7 +313,7 @@ def _write_zarr(dataset: Any, path: Path) -> None:
         # Suppress Zarr's warning that xarray's consolidated metadata are not part of its format.
         with without_warnings(message="Consolidated metadata"):
             dataset.to_zarr(draft, mode="w")
-        # Folders cannot be exchanged atomically, so that for a moment neither exists.
+        # A folder cannot replace another atomically, so neither exists for a moment.
         if target.exists():
             os.replace(target, old)
         os.replace(draft, target)
@@ -350,11 +350,11 @@ class Collected:
         self.reasons.add(first, block.status, block.messages)
 
     def wait(self, stop: Event) -> bool:
-        """Return whether members are missing; unlike a store, do not wait for other processes."""
+        """Return whether members are missing. There are no other processes to wait for."""
         return False
 
     def close(self) -> None:
-        """Do nothing, since no files are open, unlike for a store."""
+        """Do nothing, because no files are open."""
 
     def dataset(self) -> Any:
         """Return the results as an ``xarray.Dataset``."""

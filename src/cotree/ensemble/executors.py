@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-# Number of plans that a worker caches, which matters if it serves several ensembles.
+# Number of plans that a worker caches, because it may serve several ensembles.
 _MOST_PLANS = 8
 
 _plans: dict[str, Plan] = {}
@@ -97,7 +97,7 @@ def _load(parcel: Parcel) -> Plan | None:
         return _plans[parcel.key]
 
 
-#: Number of submitted blocks per worker: one runs and one waits, so that the worker is not idle
+#: Number of submitted blocks per worker: one runs and one waits, so that the worker does not idle
 #: while results are transferred.
 AHEAD = 2
 
@@ -154,7 +154,7 @@ class AdaptiveRanges:
         left = self._n - self._first
         if left <= 0:
             raise StopIteration
-        # The last ranges are smaller, so that all workers finish at about the same time.
+        # The last ranges are small, so that all workers finish at about the same time.
         size = min(self._size, max(1, math.ceil(left / self.n_workers)))
         first, self._first = self._first, self._first + size
         return first, self._first
@@ -184,7 +184,7 @@ class ExecutorRun:
         self._n_workers, self._counted = 1, -math.inf
         self._deaths = 0  # number of workers that died since the last result
         self._plan, self._rows, self._threads = plan, rows, threads
-        # Only this class, not its subclasses, certainly runs threads of this process.
+        # Subclasses may run tasks elsewhere, so only this class itself counts as local.
         is_here = type(executor) is futures.ThreadPoolExecutor
         self._parcel = None if is_here else parcel_of(plan)
         self._is_known = False  # whether at least one worker has received the plan
@@ -243,7 +243,7 @@ class ExecutorRun:
             try:
                 future = self._submit(share)
             except futures.BrokenExecutor:
-                # The pool has broken, which futures of other ranges report, too.
+                # The pool has broken. Other ranges' futures also report this failure.
                 self._again.appendleft(share)
                 self._renew("its processes ended")
                 continue
@@ -256,7 +256,7 @@ class ExecutorRun:
             if self._parcel is None:
                 found = submit(run_here, self._plan, rows, self._threads, self._stop)
             else:
-                # Until there is a result, workers may not have the plan.
+                # Workers may lack the plan until one of them has returned a result.
                 is_sent = share.with_plan or not self._is_known
                 parcel = self._parcel if is_sent else replace(self._parcel, data=None)
                 found = submit(run_parcel, parcel, rows, self._threads, share.attempt)

@@ -40,7 +40,7 @@ def column_values(values: Any, what: str) -> FloatArray:
     if array.ndim == 0:
         return np.array(check_number(array.item(), what))
     if array.dtype.kind not in "fiu":
-        # Check each value, so that the message can quote the first invalid one.
+        # Check value by value, so that the message can quote the first invalid value.
         listed = [
             check_number(value, f"{what}, row {i},") for i, value in enumerate(array.tolist())
         ]

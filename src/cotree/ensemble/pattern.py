@@ -96,7 +96,7 @@ def find_pattern(plan: Plan) -> Pattern | NotBatchable:
         is_watched = (is_auto or plan.is_chosen) and row.family == "cotree" and not row.implicit
         found = _pattern(plan, row, problem, is_watched=is_watched)
     except Error as error:
-        # The plan's own values may be invalid although those of the members are valid.
+        # The common values may be invalid although the values of the members are valid.
         found = str(error)
     return NotBatchable(plan, found) if isinstance(found, str) else found
 
@@ -147,9 +147,9 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
     names = (*plan.columns, *plan.settings.initial)
-    # Tolerances of storage contents depend on the initial state.
+    # Tolerances of storage contents depend on the initial state, which Python then computes.
     is_own = plan.model.begins_at_rest or plan.model.layout.followers or any(map(is_slope, names))
-    # An exception in a Python function would otherwise end all members.
+    # In C, an exception in a Python function would end all members.
     return bool(is_own or problem.functions or _moving(plan) & set(plan.columns))
 
 
@@ -201,9 +201,9 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
 
 
 def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return absolute tolerances of values and of quaternions by member; None if they are equal.
+    """Return absolute tolerances of values and quaternions by member; None if they are common.
 
-    Those of sensitivities differ with the parameter magnitudes: see
+    Tolerances of sensitivities depend on the magnitudes of parameters, see
     :class:`cotree.solvers.problem.Tolerances`.
     """
     problem, model, settings = pattern.problem, pattern.plan.model, pattern.plan.settings
@@ -225,7 +225,7 @@ def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, Floa
     return (atols if atols.ndim > 1 else None), turn_tolerances(own)
 
 
-# Loaded SIMD lanes by model, and by method, vectors and sensitivities. One thread loads at a time.
+# Loaded SIMD lanes by model, then by properties of the code. One thread loads at a time.
 _loaded: weakref.WeakKeyDictionary[CompiledModel, dict[tuple[Any, ...], LoadedLanes | str]] = (
     weakref.WeakKeyDictionary()
 )
@@ -306,14 +306,14 @@ def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int =
     machine, own = platform.machine().lower(), set(features)
     width, instructions, is_fused = 2, [], machine in ("aarch64", "arm64")
     if machine in ("x86_64", "amd64"):
-        # Whether products are fused with sums depends on the processor, not on the width.
+        # The processor, not the width, determines whether products are fused with sums.
         is_fused = {"avx2", "fma"} <= own
         if is_fused and {"avx512f", "avx512dq", "avx512vl"} <= own:
             width, instructions = 8, ["avx512f", "avx512dq", "avx512vl"]
         elif "avx2" in own:
             width, instructions = 4, ["avx2"]
         instructions += ["fma"] * is_fused
-    # Two vectors are 5 to 10 % faster for small members, which fit in the nearest cache.
+    # Two interleaved vectors are 5 to 10 % faster if their data fit in the first-level cache.
     wanted = wanted or (2 * width if width > 2 and width * n_integrated <= _FEW else width)
     width = min(width, wanted)
     return Lanes(width, wanted // width, ",".join(instructions), is_fused)

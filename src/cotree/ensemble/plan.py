@@ -53,7 +53,7 @@ NOT_RUN_SENTENCE = "it was not run: the ensemble was stopped before"
 
 
 class Block:
-    """Results of the members of a block, in the order of rows, which may be added in any order.
+    """Results of the members of a block, in the order of its rows.
 
     Values are nan if a member failed, and after the end of a member that an event stopped.
 
@@ -108,7 +108,7 @@ class Block:
         if run.status != 0:
             return
         n, m = len(plan.model.states), plan.n_sensitivities
-        # If an event ends a run, the last point is the event instead of an output time.
+        # If an event ended the run, the last point is at the event, not at an output time.
         wanted = np.asarray(plan.settings.t_eval, dtype=float)
         k = min(len(run.t), len(wanted))
         reached = int(np.count_nonzero(run.t[:k] == wanted[:k]))
@@ -126,7 +126,7 @@ class Block:
             for name, times in run.events.items()
             for j, t in enumerate(times.t)
         ]
-        # The record groups events by name. Simultaneous events keep the order of the model.
+        # The record groups events by name. A stable sort keeps simultaneous events in model order.
         events = np.array(rows, dtype=float).reshape(len(rows), 3 + m)
         self.add_events(events[np.argsort(events[:, 2], kind="stable")])
 

@@ -79,7 +79,7 @@ def budget_message(
     sentences = [*summary(problem, method, float(job.t), reason), stiffness_note(job)]
     assert settings.t_eval is not None  # settings of a plan always contain ``t_eval``
     t, z = settings.t_eval[: len(kept)], kept
-    # As in a single run, the last point is also tested for growth.
+    # Like a single run, also test the growth of the last point.
     if not (len(t) and t[-1] == float(job.t)):
         t, z = np.append(t, float(job.t)), np.vstack([z, last])
     work = Statistics(method, 0, 0, 0, int(job.n_steps), 0.0)

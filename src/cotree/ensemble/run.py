@@ -84,7 +84,7 @@ def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: i
         limit.cancel()
         if np.any(block.status == NOT_RUN):
             return 1
-        # Times of single members do not include compilation.
+        # Unlike the time of the call, the times of its members exclude compilation.
         seconds = max(float(block.seconds.sum()) / min(size, threads), 1e-9)
         if seconds >= _ENOUGH or size >= min(len(rows), most):
             return max(1, int(piece * size / seconds))
@@ -115,10 +115,10 @@ def stopped_by_interrupt() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Number of members per thread in the first block if the number of lanes is not given.
+# Number of members per thread in the first block if the lanes are chosen automatically.
 _LANES = 8
 
-# Maximum number of workers whose blocks a store can write as fast as they are computed.
+# A store can write blocks at the rate at which this number of workers computes them.
 _MOST_QUICK = 8
 
 # Maximum size of the results of a block, [byte], which are in memory in addition to all results.
@@ -184,7 +184,7 @@ def run_ensemble(
                     break
                 _check(execution, members, done.reasons)
         except KeyboardInterrupt:
-            # With a custom handler, KeyboardInterrupt is raised here. A second one propagates.
+            # With a handler of the program, Ctrl-C gets here. A second Ctrl-C propagates.
             if stop.is_set():
                 raise
             stop.set()
@@ -241,7 +241,7 @@ class BlockSizes:
         self.threads = execution.threads or (usable_cores() if self.executor is None else 1)
         most = _LARGEST_BLOCK
         if self.executor is not None:
-            # Workers may be faster than this process, so that finished blocks wait in memory.
+            # Workers may be faster than this process, and finished blocks then wait in memory.
             most = min(most, _UNDER_WAY // (AHEAD * count_workers(self.executor)))
         self._most = max(1, most // max(1, member_bytes(plan)))
         # A block occupies all lanes of all threads.
@@ -250,7 +250,7 @@ class BlockSizes:
     def size(self, plan: Plan, rows: FloatArray) -> int:
         """Determine the size of stored blocks by trial runs, whose results are discarded."""
         n_workers = 1 if self.executor is None else count_workers(self.executor)
-        # With many workers, blocks take longer, which limits the rate of files.
+        # Many workers write files at a high rate, so blocks take longer.
         piece = PIECE * max(1.0, n_workers / _MOST_QUICK)
         return min(self._most, timed_size(plan, rows, self.threads, piece, self._most))
 

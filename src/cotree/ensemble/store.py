@@ -78,7 +78,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
 def first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
     """Return a description of the first difference, or an empty string if there is none."""
     for name, value in here.items():
-        # Values in the manifest were converted to JSON, so the same is done here.
+        # The manifest contains JSON values, so the compared value is converted to JSON.
         old, new = there.get(name), json.loads(json.dumps(value))
         if old == new:
             continue
@@ -244,7 +244,7 @@ class Store:
             self._find_blocks()
 
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """Yield the ranges of members that are neither stored nor run elsewhere, and lock each."""
+        """Lock and yield each range of members that no process has stored or is running."""
         for first in list(self._missing):
             with store_errors(self.path):
                 if first in self._missing and self._lock(first) and not self._take_file(first):

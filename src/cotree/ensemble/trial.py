@@ -70,10 +70,10 @@ def settings_of(
 #: Default number of evenly spaced output times of an ensemble.
 POINTS = 101
 
-# Number of steps of a trial run after those that the choice of the method takes.
+# Number of steps that a trial run takes after the choice of its method.
 _TRIAL_STEPS = 10
 
-# Method if no trial succeeds, with which each member then reports the reason of its failure.
+# Method if all trials fail. Each member then reports why it fails with this method.
 _OTHERWISE = "dop853"
 
 # Number of members that are run on trial if the run with the scene's values fails.
@@ -137,7 +137,7 @@ def _run_with_warnings(model: CompiledModel, settings: Settings) -> RunRecord:
 
 def _extremes(members: Members) -> list[list[float]]:
     rows = members.rows
-    # Sorted, so that the choice among equal values does not depend on the order of members.
+    # Rows are sorted, so that the choice among equal values does not depend on their order.
     ordered = rows[np.lexsort(rows.T[::-1])] if rows.shape[1] else rows
     places = {*np.argmin(ordered, axis=0).tolist(), *np.argmax(ordered, axis=0).tolist()}
     found: list[list[float]] = ordered[sorted(places)].tolist()

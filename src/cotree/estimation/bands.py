@@ -132,7 +132,7 @@ def predicted_at(
 def like_measured(
     problem: Problem, number: int, output: str, noise: str | float | None
 ) -> tuple[str | float, str]:
-    """Return noise (by default that of previous measurements) and transformation of a quantity."""
+    """Return the noise of a quantity, by default as measured before, and its transformation."""
     rows = [i for i, name in enumerate(problem.measured.observable) if name == output]
     here = [i for i in rows if problem.measured.condition[i] == number] or rows
     if not here:
@@ -171,10 +171,10 @@ def band_of(
     deviation, kind = like_measured(problem, number, quantity, given)
     at, there = predicted_at(found, run, output, t, deviation, kind)
     middle = at.likelihood.transformed(there.values)
-    # Rows of the information are derivatives divided by sigma, on the scale of additive noise.
+    # Fisher rows are derivatives divided by sigma, so the product is the derivative itself.
     slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
     errors = found.error_along(slopes)
-    # Maximum likelihood underestimates the noise: correct it like standard errors.
+    # Maximum likelihood underestimates the noise, so it is corrected like the standard errors.
     factor = math.sqrt(found.spread) if noise is True and math.isfinite(found.freedom) else 1.0
     deviations = factor * there.sigma
     total = np.hypot(errors, deviations) if noise is not False else errors

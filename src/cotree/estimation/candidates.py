@@ -45,7 +45,7 @@ _SHARE = 1e-11
 
 @dataclass(frozen=True)
 class Candidates:
-    """Possible measurements.
+    """Possible measurements of one quantity in one experiment.
 
     Attributes
     ----------
@@ -161,7 +161,7 @@ def read_candidates(given: Any) -> list[Candidates]:
     try:
         listed = list(given)
     except TypeError:
-        listed = [None]  # the check below raises the error
+        listed = [None]  # not a list: the check below raises an error
     if not all(isinstance(row, Candidates) for row in listed):
         raise ParameterError(
             "candidates must be a mapping of outputs to times, to (times, noise) or to the fields "
@@ -187,7 +187,7 @@ def choose(
         raise ParameterError(
             f"{n} measurements cannot be chosen from {len(labels)} candidates with repeat=False"
         )
-    # Units may be negative; their outer product still scales the information correctly.
+    # Negative parameters have negative sizes, whose signs cancel in the standard errors.
     present = np.outer(found.split.sizes, found.split.sizes) * found.fisher
     rating = _Rating(present, found.split.open.shape[1], criterion, names)
     chosen = _improved(_greedy(rows, n, rating, range(len(rows)), repeat), rows, rating, repeat)
@@ -196,7 +196,7 @@ def choose(
 
 
 class _Rating:
-    """Rates additional information by a criterion; ratings are tuples, and larger is better."""
+    """Rates additional information by a criterion. Ratings are tuples; a larger one is better."""
 
     def __init__(self, present: Array, n_open: int, criterion: str, names: Sequence[str]) -> None:
         self.present, self._criterion = present, criterion
@@ -297,7 +297,7 @@ def _improved(chosen: list[int], rows: Sequence[Array], rating: _Rating, repeat:
             now = rating(added + rows[chosen[k]].T @ rows[chosen[k]])
             best = max(free, key=lambda i: rating(added + rows[i].T @ rows[i]))
             value = rating(added + rows[best].T @ rows[best])
-            # The margin prevents endless exchange of candidates that are equal up to rounding.
+            # Without the margin, candidates equal up to rounding would be exchanged endlessly.
             if value[0] > now[0] or value[1] > now[1] + 1e-9 * abs(now[1]):
                 chosen[k], has_changed = best, True
         if not has_changed:
@@ -312,7 +312,7 @@ def _described(
     order: Sequence[int],
     rating: _Rating,
 ) -> NextMeasurements:
-    """Return the chosen measurements, each with its benefit after the previous ones."""
+    """Describe the chosen measurements in order, each with the errors that remain after it."""
     scaled = found.problem.scaled
     names = scaled.names
     # If the noise was estimated, variances include the small-sample correction.

@@ -1,4 +1,4 @@
-"""Conditions of an estimation problem, which are runs of models, and measured values."""
+"""Conditions (runs of a model) and measured values of an estimation problem."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def check_measured(
 
 
 class Columns:
-    """Columns of parameters and initial values that an ensemble member sets for one condition.
+    """Names and values of the parameters and initial values that one condition sets in a run.
 
     ``through``, (n_sensitivities, n_estimated), is one if the sensitivity parameter is tied to the
     estimated parameter, and zero otherwise.

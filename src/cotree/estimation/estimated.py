@@ -101,7 +101,7 @@ class Scaled:
         return np.where(self._is_log, self.values(theta) * self._factors, 1.0)
 
 
-# Default bounds of a positive parameter are its initial guess divided and multiplied by this.
+# Factor between the initial guess of a positive parameter and each of its default bounds.
 _SPAN = 100.0
 
 
@@ -121,7 +121,7 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
         if name in found:
             raise ParameterError(f"'{name}' is given twice: name it once")
         found[name] = parameters[item] if isinstance(parameters, Mapping) else item
-        if found[name] is name:  # an element of a list, without a range
+        if found[name] is name:  # the name is an element of a list, which contains no ranges
             found[name] = None
     if not found:
         raise ParameterError("nothing is estimated: name at least one parameter")

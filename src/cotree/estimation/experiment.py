@@ -133,7 +133,7 @@ def _read_mapping(data: Any, where: str) -> tuple[dict[str, Column], list[str]]:
     index = getattr(data, "index", None)
     if hasattr(data, "columns") and index is not None:
         items = [(name, data[name]) for name in data.columns]
-        # The index may contain the times.
+        # A named index may be the time column.
         if index.name is not None:
             items.insert(0, (index.name, index))
     elif isinstance(data, Mapping):
@@ -209,7 +209,7 @@ def _number(value: Any, where: str) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
-        # missing value of pandas, which need not be installed
+        # pandas.NA, recognised by its type name, because pandas is optional
         if type(value).__name__ == "NAType":
             return np.nan
         raise ParameterError(f"{where}: '{brief(str(value))}' is not a number") from None

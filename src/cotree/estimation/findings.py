@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Problem
     from cotree.estimation.uncertainty import Uncertainty
 
-# Largest distance of estimates at a bound, relative to their value or the bounds' distance.
+# An estimate is at a bound if their distance, relative to the range or the value, is smaller.
 _AT_BOUND = 1e-6
 
-# Objectives of one optimum differ by less; a change by one standard error adds 0.5.
+# Starts reached the same optimum if objectives differ by less. One standard error adds 0.5.
 SAME_OPTIMUM = 0.005
 
 # If a tail probability of chi-squared is below this, the model or the noise is wrong.

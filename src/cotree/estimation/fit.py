@@ -109,7 +109,7 @@ class _Assembly:
             for row, name in zip(rows, _names(rows), strict=True)
         ]
         self._found: dict[str, Estimated] = {}
-        self._equal: dict[Any, dict[str, Any]] = {}  # inputs, so that equal ones are stored once
+        self._equal: dict[Any, dict[str, Any]] = {}  # equal inputs become one object
         self._check_used()
 
     def problem(self, **given: Any) -> Problem:
@@ -275,7 +275,7 @@ def _apart(
             raise ParameterError(
                 f"'{name}' is in shared and in per_experiment: remove it from one of them"
             )
-    # If the user lists the shared parameters, all others are separate.
+    # If shared parameters are listed, all other parameters are separate.
     return set(apart) if alike is None else set(ranges) - set(alike)
 
 

@@ -57,7 +57,7 @@ class Rendezvous:
 
     def __init__(self, compute: Callable[[Any], Sequence[Predictions]]) -> None:
         self._compute = compute
-        # Items are (number of a function, point, queue for the answer), or None at a return.
+        # Requests (function number, point, queue for the answer), or None if a function returns.
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._asked: list[tuple[int, Any, queue.SimpleQueue[Any]]] = []
         self._n_working = 0
@@ -148,10 +148,10 @@ class StartRecord:
     optimality: float = math.nan
 
 
-# Standard deviations decrease at most by exp(-20); larger factors would cost digits.
+# Standard deviations may decrease by at most exp(-20), because larger ratios lose digits.
 _SHRINKS = 20.0
 
-# Smaller residuals of Laplace distributions are squared, which smooths the kink at zero.
+# Below this residual, Laplace distributions use r^2 instead of |r|, which has a kink at zero.
 _CORNER = 1e-3
 
 
@@ -180,15 +180,15 @@ class SquareRows:
             logs = np.log(found.sigma)
         if self._first is None:
             self._first = logs
-        # The second derivative with respect to log(sigma) is 2 r^2, with expectation 2; the rows
-        # above contribute r^2 to J^T J. For Laplace distributions little is missing.
+        # The second derivative by log(sigma) is 2 r^2, expected 2. For normal distributions, the
+        # rows above contribute r^2 to J^T J; for Laplace distributions, almost all.
         weight = np.where(normal, np.maximum(1.0, np.abs(r[noisy])), 0.5)
         by_sigma = found.sigma_slopes[noisy] / found.sigma[noisy, None]
         rest = np.sum(missing) + np.sum(
             2.0 * (logs - self._first + _SHRINKS)[noisy] - weight**-2.0 + 4.0
         )
         with np.errstate(invalid="ignore"):
-            # nan if a standard deviation has decreased too far, so that the step is rejected
+            # nan, which rejects the step, if a standard deviation has decreased too far
             last = np.sqrt(rest)
         return (
             np.concatenate([rows, 1.0 / weight, [last]]),
@@ -359,7 +359,7 @@ class Start:
         return rows
 
     def _high_values(self, theta: Array) -> Array:
-        """Return residuals, large ones if a run fails: MINPACK mistakes nan for convergence."""
+        """Return residuals; large values if a run fails, because MINPACK takes nan as converged."""
         rows = self._values(theta)
         return rows if np.all(np.isfinite(rows)) else np.full_like(rows, _HIGH)
 

@@ -64,7 +64,7 @@ class Observer:
             raise ParameterError(
                 f"a fit needs a compiled model or a scene, not {brief(repr(model))}"
             )
-        # A compiled model keeps its tree and options.
+        # A compiled model is compiled again with its tree and its options.
         self._given = model if isinstance(model, Model) else None
         self._model = self._given
         self.scene: SceneDescription = model.spec.scene if isinstance(model, Model) else model
@@ -195,7 +195,7 @@ class Observer:
         for name, text in outputs.items():
             scene.output(name, text)
         with warnings.catch_warnings():
-            # The fit reports parameters without effect later.
+            # The fit warns about parameters without effect.
             warnings.filterwarnings("ignore", message="no state or output depends on")
             if given is None:
                 assert isinstance(scene, Scene)
@@ -206,7 +206,7 @@ class Observer:
 #: Prefix of the names of estimated standard deviations, such as ``noise[v]`` for column ``v``.
 NOISE = "noise"
 
-# Bounds of noise over data range: below the accuracy of runs, and above that of poor starts.
+# Noise bounds over the data range: below the accuracy of runs, above residuals of poor starts.
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1e4
 
 
@@ -241,7 +241,7 @@ def measured_rows(
             elif column in run.noise:
                 deviations = [run.noise[column]]
             else:
-                # Standard deviations have no offset of units; for a logarithm they have no unit.
+                # Offsets, as of degC, do not apply to deviations; those of logarithms have no unit.
                 factor = 1.0 if unit is None or transform != "lin" else float(unit.factor)
                 deviations = _given_noise(run, column, given, factor, there)
             deviations *= len(there) // len(deviations)
@@ -299,7 +299,7 @@ def _given_noise(
 def _estimated_noise(
     found: dict[str, Estimated], column: str, values: Array, transform: str, unit: str
 ) -> str:
-    """Return the name of a column's standard deviation, estimated for all experiments together."""
+    """Return the name of a column's standard deviation, one estimate for all experiments."""
     name = f"{NOISE}[{column}]"
     if transform != "lin":
         values, unit = np.log(values), ""

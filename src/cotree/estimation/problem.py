@@ -118,7 +118,7 @@ class SteadyStates:
             earlier = self._first.through(earlier)
         for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
             before = earlier[self._of[i]]
-            # Values estimated only in the previous run have the sensitivities of its matrix.
+            # Use the previous rows for values that only the previous run estimates.
             is_initial = np.array([name in model.states for name in model.sensitivities])
             both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
             for m, j in np.argwhere((before != both) & (before != 0)):
@@ -126,7 +126,7 @@ class SteadyStates:
                     f"the estimated parameter '{self._names[j]}' is '{model.sensitivities[m]}' in "
                     f"the run to the steady state of condition '{condition.name}', but not later"
                 )
-            # Sensitivities to parameters that are fixed numbers in the previous run start at zero.
+            # A parameter that is a fixed number in the previous run has zero sensitivities there.
             self._keeps.append(np.asarray(before.any(axis=1)))
             found.append(both)
         return found
@@ -438,7 +438,7 @@ class Problem:
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
-        """Bounds of the estimated parameters on their scales, in the form for SciPy's ``minimize``.
+        """Bounds of the estimated parameters on their scales, as SciPy's ``minimize`` expects.
 
         They are infinite if there is no bound.
         """

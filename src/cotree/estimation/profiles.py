@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.estimation.uncertainty import Uncertainty
 
 
-# Rise of twice the objective, over the limit: target of a step, and maximum of a step.
+# Target and maximum of a step's rise of twice the objective, as fractions of the limit.
 _STEP, _TOO_FAR = 0.25, 1.0
 
 # Maximum number of steps in one direction, and largest growth factor of the step size.

@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Problem
 
 
-# Global errors in local tolerances; long oscillations accumulate several hundred of these.
+# Ratio of global errors to local tolerances; it is several hundred for long oscillations.
 _GROWN = 1e3
 
-# Tolerance for integers (sensitivities have about five digits), and largest integer.
+# Tolerance of integer coefficients (sensitivities have about five digits), and largest integer.
 _DIGITS, _LARGEST = 1e-3, 6
 
 # Entries of a direction below this fraction of the largest entry count as zero.
@@ -93,7 +93,7 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
 
 
 def _null(rows: Array, relative: float, blur: Array) -> Array:
-    """Return an orthonormal null space; the error of a column c is ``blur + relative * |c|``."""
+    """Return an orthonormal null space for columns c with the error ``blur + relative * |c|``."""
     n = rows.shape[1]
     norms = np.linalg.norm(rows, axis=0)
     is_dead = norms <= blur
@@ -174,7 +174,7 @@ def _sentence(
 
 
 def _holds(simple: list[list[int]], group: list[int], opens: Sequence[Array]) -> bool:
-    """Return whether combinations stay constant along undetermined directions nearby."""
+    """Return whether combinations are constant along undetermined directions at nearby points."""
     rows = np.array(simple, dtype=float)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     for item in opens:

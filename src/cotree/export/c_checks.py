@@ -76,8 +76,8 @@ class Evaluated:
     def found_start(self) -> Start | None:
         """Return the start if it must be computed, else None; check redundant initial values."""
         layout = self.program.layout
-        # The start must be computed if there are constraints, further conditions, algebraic
-        # unknowns, or discontinuous expressions, which need initial modes.
+        # Constraints, further conditions and algebraic unknowns require a computed start, and so do
+        # discontinuous expressions, whose modes must be found.
         is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
         is_sought = is_sought or any(row.is_jump for row in layout.events)
         if not layout.states or not (is_sought or layout.redundant):
@@ -87,7 +87,7 @@ class Evaluated:
 
     def sizes(self, start: Start) -> list[float]:
         """List the factor of each state's absolute tolerance; empty if all are one."""
-        # Only states that are the sum of several storages' contents have factors other than one.
+        # Factors differ from one only if a state is the sum of the contents of several storages.
         if not self.program.layout.followers or not self.is_possible:
             return []
         at = EvaluationPoint(self.model, 0.0, self.model.default_parameters)
@@ -102,7 +102,7 @@ class Evaluated:
         if not self.is_possible:
             rows = np.reshape(self.initial("gradient"), (len(edges), -1))
             return bool(np.linalg.matrix_rank(rows, RANK * np.max(np.abs(rows))) < len(edges))
-        # The rank is computed as in a run.
+        # Runs compute the rank in the same way.
         held = BoundModel(self.model, self.model.default_parameters, lambda t: None)
         return bool(held.singular(0.0, self.start.z))
 
@@ -187,12 +187,12 @@ def _check_kinks(program: Program, integrator: str) -> None:
     moving = [
         name
         for j, name in enumerate(layout.sensitivities)
-        # For each sensitivity: the derivatives of each time event's first time and period.
+        # Check the derivatives of the first time and of the period of each time event.
         if any(not d.is_zero for stop in stops for d in stop.along[j])
     ]
     if not moving:
         return
-    # With fixed parameters and the scene's inputs, jumps of rates depend on time only.
+    # With fixed parameters and inputs of the scene, rates can jump at known times only.
     known = {dag.symbol("u", i): v for i, v in enumerate(program.kernels["inputs"].results)}
     values = {dag.symbol("p", i): dag.constant(v) for i, v in enumerate(layout.parameter_values)}
     rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)

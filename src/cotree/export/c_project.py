@@ -80,7 +80,7 @@ class MainContext:
     seeds: list[int]  # indices of the sensitivity parameters, -1 for initial values
     #: C literals, line by line, of initial states and sensitivities; empty if C computes them.
     start: list[str]
-    #: Tables for a start that C computes, since it must satisfy further conditions.
+    #: Tables from which C computes the start if conditions constrain it; else None.
     start_tables: StartTables | None
     guess: list[str]  # C literals of initial guesses, if any
     is_strict: bool  # whether rates are evaluated at points projected onto constraints
@@ -153,11 +153,11 @@ def main_context(
         # Fixed-step methods do not locate time events.
         stops=[] if step is not None else _stop_rows(program, target),
         max_step=target.literal(longest) if math.isfinite(longest) else "",
-        # Initial values, too, may have sensitivities, but they are not parameters.
+        # Initial values may also have sensitivities, but they are not parameters.
         seeds=[places.get(name, -1) for name in layout.sensitivities],
         start=[] if known is None else _lines(known.z, target),
         start_tables=None if sought is None else start_tables(layout),
-        # Algebraic unknowns, and the modes of friction and stops, need guesses.
+        # Algebraic unknowns and the modes of friction and stops require guesses.
         guess=_lines(sought.y, target) if sought is not None and has_guess else [],
         is_strict=is_strict,
         step="" if step is None else target.literal(step),
@@ -174,7 +174,7 @@ def held_parameters(program: Program, *, has_start: bool) -> frozenset[int]:
     if has_start:
         layout = program.layout
         roots += [node for name in _OF_START for node in program.kernels[name].results]
-        # The rates of algebraic unknowns are the residuals of their equations.
+        # The rate of an algebraic unknown is the residual of its equation.
         if layout.n_algebraic:
             n = len(layout.states)
             roots += program.kernels["rhs"].results[n - layout.n_algebraic :]
@@ -194,11 +194,11 @@ def _stop_rows(program: Program, target: Target) -> list[str]:
     rows = set()
     for stop in (stop for own in program.stops.values() for stop in own):
         first = value_of(stop.first, values)
-        # Some times do not exist for these values, such as a quotient with a zero divisor.
+        # A time may not exist for these values, such as a quotient with a zero divisor.
         if not math.isfinite(first):
             continue
         period = value_of(stop.period, values)
-        # C needs positive periods, so a negative period and its derivatives change sign.
+        # C requires positive periods, so change the signs of a negative period and its derivatives.
         sign = math.copysign(1.0, period)
         slopes = [value_of(d, values) for pair in stop.along for d in pair]
         # A single time event has period zero.
@@ -329,7 +329,7 @@ def write_c_project(
     found = evaluated.found_start() if start is None else start
     if found is not None and found.on_jump:
         raise SolveError(found.on_jump)
-    if target is not DOUBLE and rtol < _LEAST_RTOL:  # both are loosened by the same factor
+    if target is not DOUBLE and rtol < _LEAST_RTOL:  # increase both by the same factor
         rtol, atol = _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
     sizes = [] if found is None else evaluated.sizes(found)
     main = main_context(
@@ -343,7 +343,7 @@ def write_c_project(
         atol=atol,
         step=step,
         is_strict=is_dependent,
-        # ``cotree_start.c`` finds the start, too, unless it was mended or has a note.
+        # C can also find this start, unless Python mended it or added a note.
         is_found=found is not None and start is None and not (found.is_mended or found.note),
     )
     features = replace(
@@ -362,7 +362,7 @@ def write_c_project(
     text = render("c/main/main.c.jinja", target, main=main)
     texts["main.c"] = resolve(text, main.conditions())
     texts = project_files(texts, target, features)
-    # The model's file precedes the runtime files.
+    # In a single file, the model precedes the runtime.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
     sources.sort(key=lambda name: name.startswith("cotree_"))
     headers = sorted(name for name in texts if name.endswith(".h"))
@@ -374,7 +374,7 @@ def write_c_project(
         texts = single_file(texts, prefix)
         compiled = f"-D{model.upper}_MAIN {prefix}.c"
     texts |= files
-    # Compilers differ in their default for fused multiply-add instructions.
+    # Compilers differ in whether they fuse products with sums by default.
     flags = "-std=c99 -O2 -ffp-contract=off"
     command = f"cc {flags} -o {prefix} {compiled} -lm"
     _write_files(directory, texts)
@@ -386,7 +386,7 @@ def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
     target_path(directory, "the C files to")
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        # The temporary folder is inside the target folder, so that a move is one rename.
+        # The temporary folder is inside the target folder, so that each move is a renaming.
         with tempfile.TemporaryDirectory(prefix=".cotree-", dir=directory) as folder:
             for name, text in texts.items():
                 with open(os.path.join(folder, name), "w", encoding="ascii", newline="\n") as file:

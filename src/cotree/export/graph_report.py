@@ -69,7 +69,7 @@ class GraphReport:
             parts += ["f-cutsets", self.f_cutset[name].summary()]
             parts += ["f-circuits", self.f_circuit[name].summary()]
         for is_one, caption in (
-            # Only trees that translation and rotation share are chosen automatically.
+            # Only trees common to translation and rotation are chosen automatically.
             (True, "trees counted, by operations of the right-hand side; the first is taken"),
             (False, "different trees for translation and rotation, taken only where named"),
         ):

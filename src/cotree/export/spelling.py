@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 #: LaTeX accents by the suffix of a coordinate, its rate and its acceleration.
 ACCENTS = {"": "{}", "_dot": r"\dot{{{}}}", "_ddot": r"\ddot{{{}}}"}
 
-# Names whose last characters are an index in LaTeX: theta1, q0, vx.
+# Names whose last characters become an index in LaTeX: theta1, q0, vx.
 _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 
 
@@ -33,13 +33,13 @@ class DisplayName:
 
     def latex(self, *below: str) -> str:
         r"""Return the name in LaTeX with further subscripts: ``\dot{s}_{j1,L}``."""
-        # A short name is a letter, followed by the edge if the letter is ambiguous.
+        # A short name is a letter; if the letter is ambiguous, the name of the edge follows.
         letter, _, edge = self.short.partition("_")
         indices = [latex_symbol(edge)] if edge else []
         indexed = _INDEXED.fullmatch(letter)
         if indexed is not None:
             letter, indices = indexed["letter"], [indexed["index"], *indices]
-        # LaTeX allows one subscript only, so all indices share it.
+        # LaTeX allows only one subscript, so join all indices.
         indices += below
         index = f"_{{{','.join(indices)}}}" if indices else ""
         return ACCENTS[self.suffix].format(latex_symbol(letter)) + index
@@ -115,7 +115,7 @@ def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str,
     used = set(taken) | {"t"}
     for name in coordinates:
         edge, _, short = name.rpartition(".")
-        # The names of rates and accelerations must be free, too: s_dot may be a parameter.
+        # The names of rates and accelerations must also be free: s_dot may be a parameter.
         if own.count(short) > 1 or not used.isdisjoint(_derived(short)):
             short = f"{short}_{edge.replace('.', '_')}"
         while not used.isdisjoint(_derived(short)):
@@ -148,7 +148,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     from sympy.printing.latex import LatexPrinter
     from sympy.printing.str import StrPrinter
 
-    settings = {"full_prec": False}  # full_prec: prints 1.5e-9, not 1.50000000000000e-9
+    settings = {"full_prec": False}  # otherwise 1.5e-9 is printed as 1.50000000000000e-9
     if kind == "latex":
         printer = LatexPrinter({**settings, "symbol_names": dict(latex_names)})
     else:
@@ -156,7 +156,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     plain, known = printer._print, {}
 
     def print_once(item: Any, **options: Any) -> Any:
-        # The key contains the type, since 2 and 2.0 are equal but have different texts.
+        # The key contains the type, because 2 and 2.0 are equal but have different texts.
         key = (type(item), item)
         if options or not hasattr(item, "free_symbols"):
             return plain(item, **options)
@@ -168,7 +168,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
 
     def plus_first(item: Any, order: Any = None) -> list[Any]:
         terms = list(ordered(item, order))
-        # Sums start with a positive term if there is one: a - b, not -b + a.
+        # If possible, a sum starts with a positive term: a - b, not -b + a.
         first = next((t for t in terms if not t.could_extract_minus_sign()), terms[0])
         terms.remove(first)
         return [first, *terms]

@@ -73,11 +73,11 @@ def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
     branches = [geometry.branch for geometry in motion.geometry]
     for i, branch in enumerate(branches):
         edge = motion.system.edges[branch.edge]
-        # A joint with several axes has a branch for each axis; only the last branch ends at a node.
+        # A joint with several axes has a branch for each axis. Only the last one ends at a node.
         primes = "'" * sum(other.edge == branch.edge for other in branches[i + 1 :])
         # The sign is positive if the branch has the direction of the edge.
         names.append((edge.second if branch.sign > 0 else edge.first) + primes)
-        # A cluster that does not rotate has the axes of its parent.
+        # A cluster that does not rotate has its parent's axes.
         is_own = motion.frames.steps[branch.child] is not None
         bases.append(_axes(names[-1]) if is_own else bases[branch.parent])
     return names, bases
@@ -88,7 +88,7 @@ def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node
 
     ``symbol_of`` returns the symbol of a network variable, given its letter and its owner.
     """
-    # The sort is stable: the terms of an edge stay in order.
+    # The sort is stable, so the terms of an edge keep their order.
     order = {name: i for i, name in enumerate(first.scene.edges)}
     terms = [*_of_bodies(first), *_of_joints(first), *_of_elements(first), *_of_constraints(first)]
     if first.network is not None:
@@ -171,7 +171,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
             inertias += [
                 Term("m", place, (inertia.mass,)),
                 Term("h", place, inertia.moment, own),
-                # Only the entries that balances contain: a planar body has one.
+                # Include only the entries that balances contain: one for a planar body.
                 *(
                     Term("J", f"{place}.{'xyz'[i]}{'xyz'[j]}", (inertia.tensor[i][j],), own)
                     for i in range(3)
@@ -180,7 +180,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
                 ),
             ]
         beyond = first.balance.beyond[child - 1]
-        # Inwards, from the outermost branch.
+        # The inward traversal begins at the outermost branch.
         through[:0] = [
             Term("F", place, beyond.force, outer),
             Term("T", place, beyond.torque, outer),
@@ -270,7 +270,7 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
     # The f-cutset equations of the branches, projected on their motion spaces.
     rows = zip(first.system.speeds, first.balance.residual, strict=True)
     balances = [Term("", speed.name, (row,), is_held=True) for speed, row in rows]
-    # Section numbers are the equation numbers of the paper.
+    # Section numbers are numbers of equations in the paper.
     title = f"(3){', (4)' if equations.sensitivities else ''} terminal equations"
     sections = [
         _heading(first, speller, names),
@@ -291,7 +291,7 @@ def _trees(first: FirstGraph) -> list[tuple[str, str, Tree, Tree]]:
     for domain, normal in first.network.trees.items() if first.network else ():
         row = DOMAINS[domain]
         rows.append((row.through_symbol, row.across_symbol, normal.through, normal.across))
-    # A domain without branches has no cutsets and no circuits.
+    # A domain without branches has no cutsets or circuits.
     return [row for row in rows if row[-1].branches]
 
 
@@ -331,7 +331,8 @@ def _topology(first: FirstGraph) -> str:
 
 def _sums(matrix: TopologyMatrix, letter: str) -> Iterator[str]:
     for row in matrix.rows:
-        entries = sorted(matrix.terms(row), key=lambda entry: entry[1] != row)  # own edge first
+        # Sort the entry of the row's own edge to the front.
+        entries = sorted(matrix.terms(row), key=lambda entry: entry[1] != row)
         terms = [f"{'-' if sign < 0 else ''}{letter}^{edge}" for sign, edge in entries]
         yield _wrapped(f"{joined(terms)} = 0", 4, 10)
 
@@ -363,7 +364,7 @@ def _written_size(nodes: Sequence[Node]) -> int:
 
 def _wrapped(text: str, indent: int, hanging: int) -> str:
     """Wrap an equation before plus or minus signs, but not inside innermost parentheses."""
-    # Lines are not broken at no-break spaces.
+    # No-break spaces prevent line breaks within parentheses.
     kept = re.sub(r"\([^()]*\)", lambda group: group[0].replace(" ", _HELD), text)
     kept = re.sub(r"([+-]) ", rf"\1{_HELD}", kept)
     indents: dict[str, Any] = {"initial_indent": " " * indent, "subsequent_indent": " " * hanging}
@@ -398,11 +399,11 @@ class _Speller:
         known = names.known(equations)
         graphs = [_Graph("G1", None, "", {})]
         unknowns = dict(zip(equations.unknowns, equations.unknown_tangents, strict=True))
-        # The paper's G2 is the first sensitivity graph.
+        # The first sensitivity graph is G2 of the paper.
         for number, direction in enumerate(equations.sensitivities, start=2):
             known |= names.known_along(equations, direction)
             mark = names.subscripts[direction.name]
-            # The seed contains states, inputs and parameters; unknowns are added.
+            # The seed has states, inputs and parameters; the derivative also needs the unknowns.
             seed = {**direction.seed, **unknowns}
             graphs.append(_Graph(f"G{number}", direction.name, mark, seed))
         kinds = {name: edge.component.name for name, edge in first.scene.edges.items()}
@@ -438,7 +439,7 @@ class _Speller:
 
     def _lines(self, terms: Sequence[Term], graph: _Graph) -> Iterator[str]:
         nodes = [node for term in terms for node in term.nodes]
-        # One call for all terms, since they share most of their derivatives.
+        # Call once for all terms, because they share most of their derivatives.
         values = iter(nodes if graph.name is None else tangents(nodes, graph.seed))
         edges = {term.edge for term in terms if term.edge}
         width = max((len(f"{edge} ({self.kinds[edge]})  ") for edge in edges), default=0)
@@ -474,9 +475,9 @@ class _Speller:
         for suffix, node, value in zip(_COMPONENTS[len(nodes)], nodes, values, strict=True):
             # SymPy may simplify an expression to a number, such as sin^2 + cos^2.
             symbol = value if value.is_number else real_symbol(f"{name}{suffix}")
-            # The name belongs to the positive value, which more terms contain.
+            # Name the positive value, because more terms contain it.
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol
-            # Only operations on operations get a name, since others are as short as a name.
+            # A name only shortens operations whose operands are operations.
             if any(arg.args for arg in node.args):
                 self.known.setdefault(node, symbol)

@@ -54,7 +54,7 @@ def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
             raise KeyError(f"no SymPy symbol is given for {node!r}")
         elif node.op == "result":
             known[node] = _result(node, [known[arg] for arg in _arguments(node)], numbers)
-        # A node with several results has no expression, but each of its results has one.
+        # A node with several results has no single expression.
         elif node.op not in _SEVERAL:
             known[node] = _apply(node.op, [known[arg] for arg in node.args])
     return [known[node] for node in nodes]
@@ -68,7 +68,7 @@ def rational(value: float) -> Any:
     """
     import sympy
 
-    # 1/12 instead of 0.08333333333333333, but only if both are the same double.
+    # Write 1/12, not 0.08333333333333333, but only if both are the same double.
     fraction = Fraction(value).limit_denominator(_LARGEST_DENOMINATOR)
     if float(fraction) == value and abs(fraction.numerator) <= _LARGEST_NUMERATOR:
         return sympy.Rational(fraction.numerator, fraction.denominator)
@@ -92,7 +92,7 @@ def _apply(op: str, args: list[Any]) -> Any:
     if op in ARITHMETIC:
         return ARITHMETIC[op](*args)
     if op == "select":
-        # The second branch must be unconditional, or SymPy returns nan outside the first.
+        # The second branch must have the condition True, or SymPy returns nan outside the first.
         condition, accepted, refused = args
         return sympy.Piecewise((accepted, condition >= 0), (refused, True))
     return getattr(sympy, _SYMPY_NAMES.get(op, op))(*args)
@@ -127,10 +127,10 @@ def _result(node: Node, args: list[Any], numbers: dict[Any, int]) -> Any:
     import sympy
 
     source = node.args[0]
-    # Systems are distinguished by their arguments, tables and functions by their data.
+    # Identify a linear system by its arguments, a table or a function by its data.
     key = (source.op, source if source.op == "solve" else source.data)
     if key not in numbers:
-        # Functions of each kind are numbered from one in the order of evaluation.
+        # Number the functions of each kind from one, in the order of evaluation.
         numbers[key] = 1 + sum(op == source.op for op, _ in numbers)
     own = source.data.name if source.op == "call" else f"{source.op}_{numbers[key]}"
     suffix = _SEVERAL[source.op](source, node.data)
@@ -197,7 +197,7 @@ def symbolic_events(
     first = len(equations.outputs)
     values = dict(enumerate(to_sympy(equations.output_values[first:], known), start=first))
     found = {}
-    # An impact sets speeds through its coefficient of restitution.
+    # An impact sets speeds by its coefficient of restitution, not by expressions.
     for row in equations.events:
         kept = zip(row.kept, row.new_values, strict=True)
         new = {states[target]: values[place] for target, place in kept}
@@ -214,7 +214,7 @@ Key = str | tuple[str, str]
 # Largest number of operations of a mass matrix entry that is expanded.
 _LARGEST_TIDIED = 40
 
-# Largest numbers of lines of ``repr`` and of LaTeX characters that a notebook typesets.
+# Maximum number of lines in ``repr``, and of LaTeX characters that a notebook typesets.
 _MOST_LINES, _MOST_SET = 40, 20_000
 
 
@@ -299,7 +299,7 @@ class SymbolicEquations:
         text = self.latex()
         if len(text) > _MOST_SET:
             return None
-        # Aligned to the left, since wide equations exceed the page.
+        # Left-aligned, because wide equations exceed the page.
         text = (
             text.replace("{align}", "{aligned}").replace(" &= 0", " = 0").replace("\n  ", "\n  & ")
         )
@@ -314,7 +314,7 @@ class SymbolicEquations:
 
     def _line(self, equation: Any, spell: Callable[[Any], str], name: str | None) -> str:
         """Write an equation with the terms of the highest derivatives first."""
-        # Sensitivities, the unknowns of Eq. (9), come before other variables, as in the paper.
+        # As in the paper, the sensitivities, unknowns of Eq. (9), precede the other variables.
         order: list[Any] = []
         n = self.n_coordinates
         highest = (*self.accelerations, *self.rates, *self.multipliers)
@@ -350,7 +350,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     names = SymbolTable.of(equations)
     known = names.known(equations)
     matrix = _matrix(equations, known)
-    # Rates of coordinates and speeds have no equations of their own: balances determine them.
+    # Balances determine the rates of coordinates and speeds, which have no own equations.
     n_speeds = len(names.accelerations)
     n = equations.n_coordinates + n_speeds
     initial: dict[Key, Any] = dict(
@@ -396,7 +396,7 @@ def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
     rows = [to_sympy(row, known) for row in equations.matrix]
     # Unknowns are accelerations, then one multiplier for each constraint.
     first, end = equations.n_speeds, equations.n_speeds + len(equations.constraints.rows)
-    # The border of the symmetric matrix is -G, but G is printed.
+    # The border of the symmetric matrix is -G; change its sign to display G.
     rows[first:end] = [[-entry for entry in row] for row in rows[first:end]]
     return [[_tidied(entry) for entry in row] for row in rows]
 
@@ -410,11 +410,11 @@ def _balances(
     totals = []
     for i, (row, b) in enumerate(zip(matrix, forcing, strict=True)):
         pairs = list(zip(row, unknowns, strict=True))
-        # Balances are A w - b. Rows of constraints have changed sign, so they are G a + b.
+        # Balances are A w - b. The rows of constraints, with the sign changed, are G a + b.
         if i < n_speeds:
             totals.append(sympy.Add(*(a * w for a, w in pairs), -b))
         else:
-            # A common minus sign of a sum is moved to the front.
+            # Move a common minus sign of a sum to the front.
             terms = (-(-a * w) if a.could_extract_minus_sign() else a * w for a, w in pairs)
             totals.append(sympy.Add(*terms, b))
     return tuple(sympy.Eq(total, 0, evaluate=False) for total in totals)
@@ -428,7 +428,7 @@ def _tidied(entry: Any) -> Any:
     if size > _LARGEST_TIDIED:
         return entry
     number, factors = sympy.factor_terms(sympy.expand(entry)).as_coeff_mul()
-    # Numbers remain in the sum: m (L^2/3 + r^2/4), not m (4 L^2 + 3 r^2)/12.
+    # Leave numbers in the sum: m (L^2/3 + r^2/4), not m (4 L^2 + 3 r^2)/12.
     sums = [factor for factor in factors if factor.is_Add][:1]
     others = [factor for factor in factors if factor not in sums]
     if sums:
@@ -473,7 +473,7 @@ class SymbolTable:
         used = {*given, "t"}
         for name in (*given, "t"):
             names.symbols[name] = real_symbol(name)
-        # Names are unique over all graphs, since s_L may be a parameter or the sensitivity of s.
+        # Names must be unique over all graphs: s_L may be a parameter or a sensitivity of s.
         for along in (None, *(direction.name for direction in equations.sensitivities)):
             mark = names.subscripts[along] = subscript(along, of_states)
             for row, own in spelt.items():

@@ -39,7 +39,7 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
 
     path = Path(path)
     format = check_picture(path).removeprefix(".")
-    # Dates and random identifiers are omitted, so that equal figures are equal files.
+    # Omit dates and random identifiers, so that equal figures become equal files.
     dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with (
         atomic_write(path, "the picture") as draft,
@@ -57,7 +57,7 @@ def svg_text(fig: Figure) -> str:
     text = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
         fig.savefig(text, format="svg", metadata={"Date": None})
-    # An HTML page needs the element without the XML declaration.
+    # In an HTML page, the element must not follow an XML declaration.
     return text.getvalue().partition("<svg")[2].join(["<svg", ""])
 
 

@@ -74,7 +74,7 @@ class Variable:
             if title not in _OTHERS and row.dtype.kind in "fiu" and row.dims
             if set(row.dims) <= set(self.dims)
         ]
-        # The member number is the last choice.
+        # The member number has the lowest priority.
         ordered = sorted(known, key=lambda title: title == "member")
         if name is not None:
             check_known([name], known, "members have no column")
@@ -101,7 +101,7 @@ class Variable:
             return np.asarray(self.array.values[..., -1]), f"at {times[-1]:g} s"
         if of not in ("max", "min", "mean"):
             raise SceneError(f"of is {of!r}: give 'last', 'max', 'min' or 'mean'")
-        # xarray skips the nan values after an event that ended a run.
+        # After an event that ended a run, values are nan, which xarray ignores.
         return np.asarray(getattr(self.array, of)("time").values), f"({of} over time)"
 
 
@@ -120,7 +120,7 @@ def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[st
     chosen = [name for name in known if not name.endswith("_dot")] or known
     if not chosen:
         raise SceneError("the dataset has nothing to draw")
-    # Coordinates have units; modes do not.
+    # Modes have no unit and are not plotted.
     return [name for name in chosen if dataset[name].attrs.get("units")][:6] or chosen[:6]
 
 
@@ -331,7 +331,7 @@ def heat_map(
         most = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
         style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
     if figure.get_layout_engine() is None:
-        # Without a layout engine, the title of a colour bar may overlap the labels of other axes.
+        # Without a layout engine, the title of a colour bar may overlap labels of other axes.
         figure.set_layout_engine("constrained")
     where.set_facecolor("0.85")
     where.grid(False)  # the user's style may draw a grid
@@ -410,7 +410,7 @@ def _quantiles(values: Array) -> tuple[list[Array], Array, list[Array]]:
         raise SceneError(_NOTHING)
     low = [(1.0 - share) / 2.0 for share, *_ in _BANDS]
     wanted = [*low, 0.5, *(1.0 - q for q in low)]
-    # Members that an event ended are nan afterwards; only the slower function ignores nan.
+    # After an event that ended a run, values are nan, which only the slower function ignores.
     has_gaps = bool(np.isnan(there).any())
     columns = ~np.isnan(there).all(axis=0)
     found = np.full((len(wanted), there.shape[1]), np.nan)
@@ -436,7 +436,7 @@ def _axis(row: Variable, i: int) -> _Axis:
     is_log = _is_logarithmic(values)
     at = np.log(values[order]) if is_log else values[order]
     middle = 0.5 * (at[1:] + at[:-1])
-    # Outer cells are as wide as their neighbours; the width of a single cell is its value.
+    # An outer cell is as wide as its neighbour. The width of a single cell is its value.
     first, last = (at[1] - at[0], at[-1] - at[-2]) if len(at) > 1 else (abs(at[0]) or 1.0,) * 2
     edges = np.concatenate([[at[0] - first / 2], middle, [at[-1] + last / 2]])
     scale, edges = ("log", np.exp(edges)) if is_log else ("linear", edges)
@@ -457,7 +457,7 @@ def _tick_plainly(axis: Axis) -> None:
 
 
 def _is_logarithmic(values: Array) -> bool:
-    """Return whether values cover several powers of ten, or grow by the same factor."""
+    """Return whether values cover several powers of ten, or increase by a constant factor."""
     ordered = np.sort(values)
     if ordered[0] <= 0.0 or ordered[-1] < _LEAST_RATIO * ordered[0]:
         return False

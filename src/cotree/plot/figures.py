@@ -1,7 +1,7 @@
 """Figures that pyplot manages, so that ``plt.show()`` displays them.
 
-Pyplot makes them in notebooks, at interactive prompts, and in programs that have imported it. Other
-figures need no window system and do not remain in memory.
+In notebooks, at prompts and in programs that import pyplot, pyplot makes the figures. Other figures
+need no window system and do not remain in memory.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class ShownFigure(Figure):
         if pyplot is not None and number is not None and pyplot.fignum_exists(number):
             backend = pyplot.get_backend().lower()
             if "ipympl" in backend and pyplot.isinteractive():
-                return  # it was displayed before
+                return  # the figure has already been displayed
             if "inline" in backend:
                 pyplot.close(self)
-        # If this is raised, the notebook displays the figure as a picture.
+        # This exception makes the notebook display the figure as a picture.
         raise NotImplementedError
 
 

@@ -45,7 +45,7 @@ def draw_graphs(
     pairs = list(graphs_with_trees)
     drawings = of_one_height([lay_out(graph) for graph, _ in pairs])
     figure = _new_figure(drawings, make)
-    # Panels are as wide as their graphs, so that all graphs have the same scale.
+    # Widths of panels are proportional to widths of graphs, so that all graphs have one scale.
     axes = figure.subplots(
         1, len(drawings), squeeze=False, width_ratios=[drawing.size[0] for drawing in drawings]
     )
@@ -70,7 +70,7 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
     from matplotlib.patches import Circle
 
     graph = drawing.graph
-    # Angles and lengths come from the layout and must not be distorted.
+    # An equal aspect preserves the angles and lengths of the layout.
     ax.set_aspect("equal")
     ax.set_axis_off()
     ax.set_xlim(drawing.low[0], drawing.high[0])
@@ -80,13 +80,13 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         _draw_edge(ax, curve, label, bold=tree is not None and tree.is_branch(curve.edge.name))
     for node, position in drawing.position_of.items():
         directions = [
-            # Edges may be curved, so their directions are taken near their ends.
+            # Edges may be curved, so use their directions near the node.
             (curve.at(0.15) if curve.edge.tail == node else curve.at(0.85)) - position
             for curve in drawing.curves
             if node in (curve.edge.tail, curve.edge.head)
         ]
         if node == graph.reference:
-            # The ground symbol is only drawn in axis directions.
+            # A ground symbol points down, up, left or right.
             away = _freest(directions, 4)
             _draw_ground(ax, position, away)
             place = position + (0.42 if away[0] == 0 else 0.5) * away
@@ -116,14 +116,14 @@ def _draw_curve(ax: Axes, curve: Curve, **style: Any) -> None:
 
 
 def _freest(directions: Sequence[Array], n: int) -> Array:
-    """Return the one of `n` directions that is furthest from all edges; the first is down."""
+    """Return the direction, out of `n`, that is farthest from all edges; the first is down."""
     angles = -np.pi / 2 + 2 * np.pi / n * np.arange(n)
     # Rounding makes equivalent directions equal, so that the first one is chosen.
     candidates = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 12)
     if not directions:
         return np.asarray(candidates[0])
     units = np.array([direction / np.linalg.norm(direction) for direction in directions])
-    # The largest cosine belongs to the nearest edge.
+    # The largest cosine is that of the nearest edge; the freest direction minimises it.
     closest = np.max(candidates @ units.T, axis=1)
     return np.asarray(candidates[np.argmin(np.round(closest, 9))])
 
@@ -137,7 +137,7 @@ def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
     along /= np.linalg.norm(along)
     normal = np.array([-along[1], along[0]])
     size = 1.3 if bold else 1.0
-    # The arrow is beside the middle of the edge, where the name is written.
+    # The name is at the middle of the edge, so the arrow is farther along.
     tip = curve.at(0.74) + _HEAD_LENGTH / 2 * size * along
     half = _HEAD_WIDTH / 2 * size * normal
     back = tip - _HEAD_LENGTH * size * along

@@ -98,7 +98,7 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
         points = _serpentine(len(order))
     else:
         angles = np.linspace(0, 2 * np.pi, len(order), endpoint=False)
-        # The initial guess is a circle in the order of a traversal from the reference.
+        # Start on a circle, in the order of a traversal from the reference.
         start = dict(enumerate(np.column_stack([np.cos(angles), np.sin(angles)])))
         placed = networkx.kamada_kawai_layout(simple, pos=start)
         # The reference becomes the origin, about which the picture is rotated.
@@ -110,14 +110,14 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
 
 def _serpentine(n: int) -> Array:
     """Return positions of `n` nodes of a chain in a serpentine from the top left corner."""
-    # Every second row runs backwards, so that neighbours in the chain remain adjacent.
+    # Reverse every second row, so that neighbours in the chain are adjacent.
     row, column = np.divmod(np.arange(n), _LINE)
     column = np.where(row % 2 == 0, column, _LINE - 1 - column)
     return np.column_stack([1.3 * column, -1.1 * row]).astype(float)
 
 
 def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
-    """Rotate the picture about node 0, the reference, until the other nodes are above it.
+    """Rotate the picture about node 0, the reference, so that the other nodes are above it.
 
     If nodes surround the reference, their directions are first compressed into a half plane, from
     the gap that stretches the fewest edges.
@@ -131,7 +131,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     def behind(gap: int) -> Array:
         """Return the node angles measured from the end of the gap."""
         turned = np.mod(angles - angles[order[(gap + 1) % len(order)]], 2 * np.pi)
-        # Rounding may turn the angle zero into a full turn.
+        # Rounding may change the angle zero to a full turn.
         return np.where(turned > 2 * np.pi - 1e-9, 0.0, turned)
 
     def cost(gap: int) -> tuple[int, float]:
@@ -144,7 +144,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     turned, spread = behind(gap), max(2 * np.pi - gaps[gap], 1e-9)
     # Angles shrink to the half plane above the reference; radii grow, which keeps arcs.
     shrink = min(1.0, np.pi / spread)
-    # Nodes follow clockwise from the left, where the traversal from the reference usually starts.
+    # Place nodes clockwise from the left, where the traversal usually starts.
     side = 1.0 if turned[0] <= spread / 2 else -1.0
     directions = np.pi / 2 + side * shrink * (spread / 2 - turned)
     radii = np.hypot(x, y) / shrink
@@ -168,7 +168,7 @@ def _curves(graph: LinearGraph, position_of: Mapping[str, Array]) -> Iterator[Cu
             ]
             for shift in (0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
         ]
-        # The first fan with sufficient clearance, or else the one with the largest.
+        # Take the first fan with sufficient clearance, or else the fan with the largest clearance.
         yield from max(fans, key=lambda fan: min(_CLEARANCE, _clearance(fan, others)))
 
 
@@ -182,7 +182,7 @@ def _curve(
     # At its middle, a cubic curve has 3/4 of the offset of its inner control points.
     inner = 4 / 3 * bulge * normal
     points = np.array([first, first + 0.2 * along + inner, last - 0.2 * along + inner, last])
-    # The arc is computed for the pair of nodes; the curve runs from the tail of the edge.
+    # The arc begins at the first of the two nodes, the curve at the tail of the edge.
     return Curve(edge, points if edge.tail == ends[0] else points[::-1])
 
 

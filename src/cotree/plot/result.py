@@ -53,12 +53,12 @@ def choose_curves(
     No sensitivities are added if ``is_alone``. Raises SceneError if a name is unknown.
     """
     known = (*states, *outputs)
-    # A result has no equations, so rates are identified by their names.
+    # A result contains no equations, so the names identify rates.
     if names is None:
         names = [name for name in states if not name.endswith("_dot")] or known
         if not names:
             raise SceneError("the result has neither states nor outputs to plot")
-    # Dicts serve as ordered sets.
+    # Dicts preserve the order of names and remove duplicates.
     values: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
     for name in [names] if isinstance(names, str) else names:
@@ -93,7 +93,7 @@ def sensitivity_pair(name: object) -> tuple[str, str] | None:
 
 Color = tuple[float, ...]
 
-# Largest numbers of panels in a row, of circles of an overlay, and of curves with a legend above.
+# Maximum numbers of panels in a row, circles of an overlay, and curves with a legend above.
 _COLUMNS = 3
 _OPEN_CIRCLES = 40
 _FEW = 4
@@ -151,11 +151,11 @@ def plot_result(
     for name in curves.values:
         rows.setdefault(result.unit(name), _Row(result.unit(name))).values.append(name)
     for name, parameter in curves.sensitivities:
-        # Sensitivities are in the row of their quantity's unit, and share its colour.
+        # A sensitivity is in the row of its quantity and has the same colour.
         row = rows.setdefault(result.unit(name), _Row(result.unit(name)))
         row.by_parameter.setdefault(parameter, []).append(name)
 
-    first = 1 if curves.values else 0  # first column for sensitivities
+    first = 1 if curves.values else 0  # index of the first column of sensitivities
     n_columns = max((min(len(row.by_parameter), _COLUMNS) for row in rows.values()), default=0)
     n_rows = sum(row.height for row in rows.values())
     figure = (make or new_figure)((5.4 if first else 1.0) + 4.4 * n_columns, max(2.7 * n_rows, 3.4))
@@ -171,7 +171,7 @@ def plot_result(
         for j, (parameter, group) in enumerate(row.by_parameter.items()):
             down, right = divmod(j, _COLUMNS)
             ax = figure.add_subplot(grid[top + down, first + right])
-            # Many curves have one legend, on the left: labels after an underscore are hidden.
+            # The left panel has the legend of many curves. Underscores hide other labels.
             is_explained = len(group) > _FEW and set(group) <= set(row.values)
             for name in group:
                 label = f"{'_' if is_explained else ''}∂ {name} / ∂ {parameter}"
@@ -210,7 +210,7 @@ def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes)
     is_first = not ax.lines
     for label, _, values in drawn:
         ax.plot(result.t, values, lw=1.6, label=label)
-    # Axes with earlier curves keep their labels.
+    # Axes that already contain curves keep their labels.
     if is_first:
         _finish(ax, drawn[0][0] if len(drawn) == 1 else "", units[0])
     elif ax.get_legend() is not None:
@@ -258,13 +258,13 @@ def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]
         times, values = (np.asarray(column)[::every] for column in overlay)
         ax.plot(times, values, color=color, **style)
     if overlays:
-        # One grey entry in the legend represents the circles of all colours.
+        # One grey entry in the legend represents circles of all colours.
         ax.plot([], [], color="0.3", label=_CIRCLES, **style)
 
 
 def _finish(ax: Axes, subject: str, unit: str) -> None:
     bracketed = f"[{unit}]" if unit else ""
-    # A label that is longer than its axis has two lines.
+    # A label longer than the axis is broken into two lines.
     between = "\n" if len(subject) + len(bracketed) > 26 else " "
     ax.set_xlabel("time [s]", fontsize=11)
     ax.set_ylabel(between.join(filter(None, (subject, bracketed))), fontsize=11)

@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 # largest number of steps of a repeated run.
 _SMOOTH, _PARTS, _MOST_STEPS = 400, 4, 4000
 
-# Distances of points next to a jump, as fractions of the span, less than a tenth of a pixel. An
-# event is located to a tolerance, so the nearer point may be on the other side.
+# Distances of points from a jump, as fractions of the span, less than a tenth of a pixel. The
+# located time has an error, so the nearer point may be on the wrong side.
 _ASIDE = np.array([[1e-5], [1e-4]])
 
-# Maximum difference of a repeated run, as a fraction of a state's range; about the line width.
+# Maximum difference of a repeated run, relative to the range of a state; about a line width.
 _LINE_WIDTH = 2e-3
 
 
 def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -> RunRecord:
-    """Repeat a run that has few points at more times, or return it unchanged if that is impossible.
+    """Return a repetition of a run at more times, or the same record if that is impossible.
 
     Runs that failed, have many points or steps, or have Python functions as inputs are not
     repeated.
@@ -52,7 +52,7 @@ def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -
 
 
 def _is_known(value: object) -> bool:
-    """Return whether an input is the same in each run: a number, an expression or a table."""
+    """Return whether an input is a number, an expression or a table, not a function."""
     parts = value if isinstance(value, (tuple, list)) else [value]
     return not any(map(callable, parts)) and isinstance(
         value, (str, Number, tuple, list, np.ndarray)
@@ -71,7 +71,7 @@ def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
     """Return times that divide each interval evenly, and times on both sides of each jump."""
     shares = np.arange(1, _PARTS) / _PARTS
     inside = (t[:-1, None] + shares * np.diff(t)[:, None]).ravel()
-    # At late times a fixed distance would be below the rounding error.
+    # At late times, a fixed distance would be smaller than the rounding error.
     aside = np.maximum(_ASIDE * abs(t[-1] - t[0]), 8 * np.spacing(np.abs(jumps)))
     sides = np.concatenate([(jumps - aside).ravel(), (jumps + aside).ravel()])
     even = np.linspace(t[0], t[-1], _SMOOTH)
@@ -85,13 +85,13 @@ def _agrees(record: RunRecord, found: RunRecord, jumps: FloatArray) -> bool:
     """Return whether a repeated run passes through the points of the run within a line width."""
     if found.status != 0:
         return False
-    # At a jump, the run may contain the value of either side.
+    # At a jump, the run may contain the value before it or after it.
     is_smooth = ~np.isin(record.t, jumps)
     here = np.flatnonzero(np.isin(found.t, record.t[is_smooth]))
     y = record.y[:, is_smooth]
     if len(here) != y.shape[1]:
         return False
     size = np.ptp(record.y, axis=1, keepdims=True)
-    # The range of a constant state is zero.
+    # A constant state has the range zero, so its magnitude is the lower bound.
     size = np.maximum(size, 1e-6 * np.max(np.abs(record.y), axis=1, keepdims=True, initial=0.0))
     return bool(np.all(np.abs(found.y[:, here] - y) <= _LINE_WIDTH * size + 1e-300))

@@ -27,7 +27,7 @@ ERROR = "largest |y - ref| / max(1, max |ref|)"
 #: Definition of errors relative to the magnitude of each quantity.
 OWN_ERROR = "largest |y - ref| / max |ref|"
 
-# Relative errors are measurable if both reference solutions agree within this fraction.
+# A relative error is measurable if the reference solutions agree within this fraction.
 _MEASURABLE = 1e-2
 
 # If two methods agree within this tolerance, no further method is run.
@@ -161,7 +161,7 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
 
 
 def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
-    """Yield the reference of each earlier solution, whose method is preferred, with ``found``."""
+    """Pair ``found`` with each earlier solution, which is the reference of the pair."""
     for solution in earlier:
         # Errors are relative to the earlier solution.
         pair = Reference(solution, found, *solution.distance(found))
@@ -194,16 +194,16 @@ def _error(found: Array, reference: Array) -> float:
     """Return the largest scaled difference; the last axis is time."""
     if reference.size == 0:
         return math.nan
-    # For quantities below one, the difference is absolute.
+    # The difference is absolute for quantities below one.
     scale = np.maximum(1.0, np.max(np.abs(reference), axis=-1, keepdims=True))
     largest = float(np.max(np.abs(found - reference) / scale))
-    # Values that are not finite have an infinite error.
+    # If a value is not finite, the error is infinite.
     return largest if math.isfinite(largest) else math.inf
 
 
-# Smaller relative differences of run times are effects of compilers and memory layout.
+# Relative differences of run times below this are due to compilers and memory layout.
 _LEAST_GAIN = 0.1
-# Run times with a larger relative difference count as different, whatever the noise.
+# Run times whose relative difference is larger are different, whatever the noise.
 _MOST = 1.0
 
 
@@ -303,7 +303,7 @@ class BenchRow:
 
 
 def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
-    """Return the fastest rows, equal within a tenth or the noise, one per method."""
+    """Return the fastest rows, one per method; times equal within a tenth or the noise are ties."""
     best_of: dict[str, BenchRow] = {}
     for row in rows:
         held = best_of.get(row.method)

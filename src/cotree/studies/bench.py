@@ -349,7 +349,7 @@ def _try(runner: _Runs, trial: BenchRow, reference: Reference) -> None:
         trial.error_states, trial.error_sensitivities = reference.solution.distance(result)
         own = reference.own_distance(result)
         trial.own_error_states, trial.own_error_sensitivities = own
-    # A single measurement of a short run is too inaccurate to find the fastest rows.
+    # A single time of a short run is too inaccurate to select the fastest rows.
     for _ in range(_TRIES_OF_SHORT if trial.first < _SHORT else 0):
         trial.first = min(trial.first, _timed(runner, trial)[1])
 
@@ -377,7 +377,7 @@ def _time_all(
     def run(trial: BenchRow) -> bool:
         result = _attempt(runner, trial)
         if result is not None and not result.success and not trial.times:
-            # The first run was barely within the time limit, and this one exceeds it.
+            # Although the first run was barely within the time limit, this run exceeds it.
             trial.status, trial.message = result.status, result.message
         return result is not None and result.success
 

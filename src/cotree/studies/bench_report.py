@@ -282,11 +282,11 @@ def _finish(ax: Axes, label: str, agreement: float) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     if ax.get_legend_handles_labels()[1] and agreement > 0.0:
-        # The axis limits are read before the grey region extends them.
+        # Read the axis limits before the grey region extends them.
         left, right = ax.get_xlim()
         ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
         ax.set_xlim(min(left, 0.3 * agreement), right)
-    # As in work-precision diagrams, errors decrease to the right.
+    # Errors decrease to the right, as is usual in work-precision diagrams.
     ax.invert_xaxis()
     ax.set_xlabel(label, fontsize=11)
     draw_grid(ax)

@@ -81,7 +81,7 @@ def page(drawing: Drawing) -> str:
         generator=f"cotree {VERSION}",
         last=len(drawing.frames.times) - 1,
         speeds=tuple((f"{factor}×", factor) for factor in _SPEEDS),
-        # These texts are files of the package.
+        # The style and the script are files of the package.
         style=Markup(style),
         script=Markup(script),
         data=Markup(embedded(page_data(drawing))),
@@ -104,7 +104,7 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
     """
     poses, frames = drawing.poses, drawing.frames
     camera, reach = place_camera(drawing, None)
-    # Tracks without shapes are omitted.
+    # Omit tracks without shapes.
     used = sorted(
         {solid.track for solid in drawing.solids}
         | {track for strut in drawing.struts for track in strut.tracks}
@@ -113,7 +113,7 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
     number = {track: i for i, track in enumerate(used)}
     extent = float(np.abs(poses.positions[used]).max())
     extent = max(extent, float(np.abs(camera.centres).max()), float(max(reach)))
-    # The unit is rounded to few digits before positions become multiples of it.
+    # Positions become multiples of the unit, which is rounded to few digits before.
     unit = float(f"{extent / _GRAINS:.3g}") or 1.0
     times = frames.times
     return {
@@ -173,7 +173,7 @@ def _short(values: Sequence[float] | Array) -> list[float]:
 def _differences(rows: Array) -> list[int]:
     """Round rows to integers; return the first row and the differences of adjacent rows."""
     whole = np.rint(rows).astype(np.int64)
-    # Rounded before differences are taken, so that errors do not accumulate.
+    # Round before taking differences, so that rounding errors do not accumulate.
     steps = np.diff(whole, axis=0)
     if not steps.any():
         return [int(v) for v in whole[0]]
@@ -183,7 +183,7 @@ def _differences(rows: Array) -> list[int]:
 def _quaternions(axes: Array) -> Array:
     """Convert rotation matrices to unit quaternions, scalar first, with continuous signs."""
     r = axes
-    # Four times the squared components; the largest one is the divisor (S. Shepperd, 1978).
+    # Four times the squared components. Divide by the largest one (S. Shepperd, 1978).
     trace = np.trace(r, axis1=1, axis2=2)
     squares = np.stack([1.0 + trace, *(1.0 - trace + 2.0 * r[:, i, i] for i in range(3))], axis=1)
     products = np.empty((len(r), 4, 4))
@@ -354,7 +354,7 @@ def animate(
             "this result was copied or read from a file and has no model: pass it as "
             "result.animate(model=...)"
         )
-    # A result does not refer to its model, so the names of the states are compared.
+    # A result does not refer to its model, so compare the names of the states.
     if model.states != result.states:
         raise SceneError(
             "the states of this model differ from those of the result: pass the model of the run"

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 def arm(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Draw an arm as a bar, which is thin if it only leads to a centre of mass."""
     one, two = draft.places[edge.first], draft.places[edge.second]
-    if one.cluster != two.cluster:  # a chord, which multipliers keep rigid
+    if one.cluster != two.cluster:  # the arm is a chord, which multipliers keep rigid
         strut(draft, edge, shapes.rod, 0.7, RAIL)
         return
     gap = two.local - one.local
     length = float(np.linalg.norm(gap))
-    # Bodies with meshes have no bars, and arms without length are rotations.
+    # Draw no bar on bodies with meshes. An arm without length is a rotation.
     if one.cluster in draft.with_visuals or length < 1e-9 * draft.stage.size:
         return
     is_thin = edge.name in draft.stage.spurs or (one.cluster == 0 and draft.stage.is_flat)
@@ -68,7 +68,7 @@ def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
         return
     lengths, axes = found
     if has_bars:
-        # The box is smaller than the arms of its body, so that it does not hide the mechanism.
+        # The box is smaller than the arms of its body, and so does not hide the mechanism.
         lengths = lengths * min(1.0, 0.6 * draft.stage.reach[cluster] / max(lengths.max(), w))
     lengths = np.maximum(lengths, (1.0 if has_bars else 3.0) * w)
     if draft.stage.is_flat:
@@ -114,7 +114,7 @@ def contact(draft: DrawingBuilder, edge: BoundEdge) -> None:
         draft.solid(edge.name, place.cluster, mesh.placed(place.local, place.turn), label=True)
     else:
         size = 3.0 * draft.w
-        if own is None:  # points are small balls, also on bodies with visuals
+        if own is None:  # a point of contact is marked by a small ball, also on bodies with visuals
             marker = shapes.sphere(_MARKER * draft.w).placed(place.local)
             draft.solid(edge.name, place.cluster, marker, label=True)
     if "normal" in edge.vectors:
@@ -157,7 +157,7 @@ def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
 
 
 def road(draft: DrawingBuilder, edge: BoundEdge, level: float, size: float) -> None:
-    """Draw a plane ``level``, [m], above the first node for motions of a body of ``size``, [m]."""
+    """Draw a plane ``level``, [m], above the first node along the path of a body of ``size``."""
     one = draft.places[edge.first]
     normal = draft.values.numbers(edge.vectors["normal"])
     if draft.stage.is_flat:
@@ -340,14 +340,14 @@ def draft_scene(
     for edge in first.system.edges.values():
         show = SHOWN.get(edge.component.name)
         if edge.component.role is Role.LAW and edge.component.acts is Acts.LINE:
-            show = LINE_FORCE  # registered by the user
+            show = LINE_FORCE  # a component that the user registered
         is_hidden = edge.component.role is Role.JOINT and draft.is_hidden(edge)
         if show is not None and not is_hidden:
             show(draft, edge)
     for networked in first.scene.edges.values():
         if networked.component.geometry is not None:
-            continue  # contact surfaces are drawn above
+            continue  # contacts were drawn above
         for ends in networked.ports:
-            if len(ends.acts_on) == 2:  # such as a hydraulic cylinder between two bodies
+            if len(ends.acts_on) == 2:  # the edge acts on two bodies, like a hydraulic cylinder
                 draft.strut(networked.name, *ends.acts_on, shapes.piston(1.1 * draft.w), DAMPER)
     return draft

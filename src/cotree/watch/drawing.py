@@ -37,7 +37,7 @@ def _spread(n: int) -> Array:
     return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
 
 
-# With this number, the error of a bounding box is a hundredth of the shape's size.
+# For this number, a bounding box has an error of about a hundredth of the shape's size.
 _DIRECTIONS = _spread(200)
 
 
@@ -129,12 +129,12 @@ class Drawing:
             corners.setdefault(solid.track, []).append(_outermost(solid.mesh.points))
         for strut in self.struts:
             for track, end in zip(strut.tracks, strut.ends, strict=True):
-                # The ends bound a strut.
+                # The ends of a strut bound it.
                 corners.setdefault(track, []).append(end[None])
         for track, parts in corners.items():
             points = np.concatenate(parts)
             turned = axes.T @ self.poses.axes[track]
-            # Rotation and view are multiplied once for all frames of a track.
+            # Multiply rotation and view for all frames of a track before applying them to points.
             placed = turned @ points.T + (self.poses.positions[track] @ axes)[:, :, None]
             low, high = np.minimum(low, placed.min(axis=2)), np.maximum(high, placed.max(axis=2))
         return low, high
@@ -203,7 +203,7 @@ class DrawingBuilder:
 
     def drawing(self, title: str, note: str, frames: Moments) -> Drawing:
         """Return the drawing, with a title above it and a note below."""
-        # Struts are added last, so that struts between the same nodes can be placed side by side.
+        # Add struts last, so that all struts between two nodes are known and placed side by side.
         stage = self.stage
         for (first, second), own in self._between.items():
             self._add_struts(first, second, own)
@@ -254,7 +254,7 @@ class DrawingBuilder:
     def solid(
         self, name: str, cluster: int, mesh: Mesh, color: Color | None = None, label: bool = False
     ) -> None:
-        """Add a shape that moves with a body, by default in the body's colour."""
+        """Add a shape that moves with a body; its default colour is that of the body."""
         self.solids.append(Solid(name, cluster, mesh, color or self.color(cluster)))
         if label:
             self.label(name, cluster, mesh.points.mean(axis=0))
@@ -275,7 +275,7 @@ class DrawingBuilder:
         """Draw a cylinder through a node about ``axis``, in cluster axes."""
         place = self.places[end]
         at = place.local
-        if self.stage.is_flat:  # it extends through all layers
+        if self.stage.is_flat:  # the pin extends through all layers
             height = 0.5 * max(self.layer) * self.pitch
             at, length = at + height * self.towards(place.cluster), 2.0 * height + 1.3 * self.w
         mesh = shapes.cylinder(radius, length).placed(at, shapes.axes_along(axis))
@@ -327,7 +327,7 @@ class DrawingBuilder:
         one, two = self.places[first], self.places[second]
         stage, axes = self.stage, self.poses.axes
         gaps = self.gap(first, second)
-        # Struts may shrink to a point, so the direction at the greatest length is used.
+        # A strut may shrink to a point, so take its direction at the greatest length.
         gap = gaps[int(np.argmax(np.linalg.norm(gaps, axis=1)))]
         towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
         along = shapes.axes_along(gap, towards)

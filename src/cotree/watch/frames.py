@@ -108,16 +108,16 @@ def coordinates_at(
     if len(t) == 1:
         return np.repeat(y[: len(system.coordinates)], len(times), axis=1)
     way = 1.0 if t[-1] >= t[0] else -1.0
-    # If several points have the same time, the last one is the state after all events.
+    # At equal times take the last point, which is the state after all events.
     left = np.searchsorted(way * t, way * times, side="right") - 1
     left = np.clip(left, 0, len(t) - 2)
-    # Only the ends of intervals that contain a frame need accelerations.
+    # Evaluate accelerations only at the ends of intervals that contain a frame.
     points = np.unique(np.concatenate([left, left + 1]))
     motion = _motion_at(model, system, p, t[points], y[:, points], u[:, points])
     place = np.searchsorted(points, left)
     first, last = motion[:, :, place], motion[:, :, place + 1]
     h = t[left + 1] - t[left]
-    # Points before and after an event have the same time: use the end of this empty interval.
+    # The points before and after an event have equal times: take the end of this empty interval.
     part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
     found = _hermite(part, h, first, last)
     for rows in _quaternions(system):
@@ -140,13 +140,13 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
         np.concatenate([getattr(row, side) for row in found], axis=1)[:, is_within]
         for side in ("y_before", "y_after")
     ]
-    is_own = ~np.isin(result.t, when)  # the points of events replace other points at the same time
+    is_own = ~np.isin(result.t, when)  # points of events replace other points at the same time
     near = np.abs(result.t[:, None] - when).argmin(axis=0)
     t = np.concatenate([result.t[is_own], when, when])
     y = np.concatenate([result.y[:, is_own], *sides], axis=1)
     own, of_events = result.input_values[:, is_own], result.input_values[:, near]
     u = np.concatenate([own, of_events, of_events], axis=1)
-    # A stable sort keeps the point before an event in front of the point after it.
+    # A stable sort keeps the point before an event ahead of the point after it.
     order = np.argsort(way * t, kind="stable")
     return t[order], y[:, order], u[:, order]
 
@@ -192,7 +192,7 @@ def _quaternions(system: System) -> Iterator[slice]:
 def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
     """Interpolate values, rates and accelerations at both ends, at fractions x of steps h."""
     (q0, v0, a0), (q1, v1, a1) = first, last
-    # Differences from the Taylor polynomial about the first end, each times a power of h.
+    # Deviations from the Taylor polynomial about the first end, each times a power of h.
     rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
     slope = h * (v1 - v0 - h * a0)
     bend = h**2 * (a1 - a0)

@@ -81,7 +81,7 @@ def _package_places(name: str, beside: Path) -> list[tuple[Path, Path]]:
     listed = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
     places = []
     for folder in (*above, *listed):
-        # The folder may contain the package, or be the package itself.
+        # The folder may contain the package or be the package itself.
         places.append((folder / package, folder / package / inner))
         if folder.name == package:
             places.append((folder, folder / inner))
@@ -91,7 +91,7 @@ def _package_places(name: str, beside: Path) -> list[tuple[Path, Path]]:
 def read_mesh(path: Path) -> Mesh:
     """Read a mesh; raise MeshError if it cannot be read or is too large."""
     try:
-        # The size is checked first, since the whole file is read at once.
+        # Check the size first, because the whole file is read at once.
         if path.stat().st_size > LARGEST_FILE:
             raise MeshError(f"'{path.name}' has more than {LARGEST_FILE // 1_000_000} MB")
         data = path.read_bytes()
@@ -120,14 +120,14 @@ def _checked(mesh: Mesh, name: str) -> Mesh:
         raise MeshError(f"'{name}' names corners that it does not have")
     if not np.isfinite(points).all() or np.abs(points).max() > _LARGEST_LENGTH:
         raise MeshError(f"'{name}' has corners that are not finite or too large")
-    # STL repeats each corner in every triangle; equal corners are merged.
+    # STL repeats a corner in each of its triangles, so merge equal corners.
     corners, place = np.unique(points, axis=0, return_inverse=True)
     return Mesh(corners, place.reshape(-1)[faces])
 
 
 def _read_stl(data: bytes) -> Mesh:
     """Read STL: binary if the length matches the number of triangles, else text."""
-    # The number of triangles follows 80 bytes, which may begin with "solid" as in text files.
+    # The number of triangles follows 80 bytes, which may begin with "solid" as text files do.
     n = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if n >= 0 and len(data) >= 84 + n * _STL.itemsize and (n > 0 or data[:5] != b"solid"):
         rows = np.frombuffer(data, dtype=_STL, count=n, offset=84)
@@ -187,7 +187,7 @@ def coarser(mesh: Mesh, most: int) -> Mesh:
     cells, n = 1000.0, len(mesh.faces)
     while n > most and cells > 2.0:
         keys = np.floor((mesh.points - low) / extent * cells).astype(np.int64)
-        # Cell numbers are distinct, since each side has at most 1001 cells.
+        # Each side has at most 1001 cells, so cell numbers are distinct.
         _, place = np.unique(keys @ [1, 2000, 4_000_000], return_inverse=True)
         faces = place[mesh.faces]
         is_kept = (np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)

@@ -79,7 +79,7 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
 
 
 _PAPER, _INK, _LINE = (250, 250, 248), (70, 76, 84), (222, 223, 221)
-_FINER = 2  # painted pixels per pixel of the picture, in each direction
+_FINER = 2  # rendered pixels per pixel of the picture, in each direction
 _LIGHT = np.array([-0.35, 0.55, 0.76])  # light direction: right, up, towards the viewer
 _COLORS = 96  # colours of a GIF; more colours increase its size without visible difference
 
@@ -105,7 +105,7 @@ class Painter:
         from PIL import Image, ImageDraw
 
         width, height = (_FINER * n for n in self.size)
-        # The picture is painted at twice its size and reduced, which smooths edges.
+        # Render at twice the size and reduce the picture, which smooths edges.
         paper = Image.new("RGB", (width, height), _PAPER)
         pen = ImageDraw.Draw(paper)
         for ends in self._floor:
@@ -177,7 +177,7 @@ def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
     ]
     gap = ends[1] - ends[0]
     length = float(np.linalg.norm(gap))
-    # Without a direction the strut shrinks to a point.
+    # At length zero the strut has no direction and becomes a point.
     if length == 0.0:
         return np.repeat(ends[0][None], len(strut.mesh.points), axis=0)
     axes = axes_along(gap, poses.axes[strut.tracks[0], frame] @ strut.side)
@@ -207,7 +207,7 @@ def _visible(
         rise = (y[:, j] - y[:, i])[face]
         with np.errstate(all="ignore"):
             cut = x[face, i] + (row + 0.5 - y[face, i]) / rise * (x[:, j] - x[:, i])[face]
-        # With a positive area, the inside is to the left of falling edges (rows count downwards).
+        # If the area is positive, the inside is to the left of falling edges (rows count down).
         is_left = (rise < 0.0) == (area[face] > 0.0)
         low = np.where((rise != 0.0) & is_left, np.maximum(low, cut), low)
         high = np.where((rise != 0.0) & ~is_left, np.minimum(high, cut), high)

@@ -50,7 +50,7 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
 def box(a: float, b: float, c: float) -> Mesh:
     """Return a box centred at the origin with these lengths along x, y and z, [m]."""
     corners = [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-    # Four corners each, counter-clockwise from outside; corners are numbered in binary by x, y, z.
+    # Four corners of each side, counter-clockwise from outside. Bits of a number are x, y and z.
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [t for i, j, k, m in sides for t in ((i, j, k), (i, k, m))]
     return Mesh(np.array(corners) * [a, b, c], np.array(faces))
@@ -67,7 +67,7 @@ def turned(profile: Sequence[tuple[float, float]], sides: int = _ROUND) -> Mesh:
     faces = []
     for i in range(len(profile) - 1):
         a, b = i * sides, (i + 1) * sides
-        # On the axis a ring of corners is one point, so one of two triangles is degenerate.
+        # On the axis, all corners of a ring coincide, so one of the two triangles is degenerate.
         if profile[i][0] > 0.0:
             faces.append(np.column_stack([a + here, a + after, b + after]))
         if profile[i + 1][0] > 0.0:
@@ -85,7 +85,7 @@ def sphere(radius: float) -> Mesh:
     """Return a sphere."""
     angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ROUND // 2 + 1)
     profile = [(radius * float(np.cos(a)), radius * float(np.sin(a))) for a in angles]
-    # Exact zeros, since the cosine of a right angle is 6e-17.
+    # The end points are exactly zero; the cosine of a right angle would be 6e-17.
     profile[0], profile[-1] = (0.0, -radius), (0.0, radius)
     return turned(profile)
 
@@ -147,7 +147,7 @@ def coil(radius: float, wire: float, length: float) -> Mesh:
     turns, around = 9, 6
     n = 16 * turns
     u = np.linspace(0.0, 1.0, n + 1)
-    # The first and the last half turn connect the coil with the axis.
+    # The first and the last half turn lead from the axis to the coil.
     away = radius * np.clip(2.0 * turns * np.minimum(u, 1.0 - u), 0.0, 1.0)
     angles = 2 * np.pi * turns * u
     path = np.column_stack([away * np.cos(angles), away * np.sin(angles), 0.1 + 0.8 * u])

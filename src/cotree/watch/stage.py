@@ -63,7 +63,7 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
     towards = _plane_side(system.plane, up) if is_flat else _direction(up, view or VIEW)
     arms = _arms(first, places)
     size = _size(poses, places)
-    # Arms without length are rotations and do not count in the median length.
+    # Arms without length are rotations and are excluded from the median length.
     lengths = [length for length in arms.values() if length > 1e-9 * size]
     thickness = _OF_SIZE * size
     if lengths:
@@ -236,7 +236,7 @@ class MotionValues:
         nodes: list[Node] = []
         for geometry in motion.geometry:
             child = geometry.branch.child
-            # All nodes are evaluated together, so that shared values are computed once.
+            # Evaluate all nodes together, so that shared values are computed once.
             nodes += geometry.offset
             for matrix in (motion.frames.rotations[child].matrix, motion.frames.steps[child]):
                 nodes += [entry for row in matrix or () for entry in row]
@@ -249,7 +249,7 @@ class MotionValues:
             return np.stack([self._over_time(next(rows)) for _ in range(k)], axis=-1)
 
         still = np.broadcast_to(np.eye(3), (self.n, 3, 3))
-        # A cluster's basis is the axes in which its vectors are resolved.
+        # Vectors of a cluster are resolved in its basis.
         origins, bases, axes = [np.zeros((self.n, 3))], [still], [still]
         for geometry in motion.geometry:
             branch = geometry.branch

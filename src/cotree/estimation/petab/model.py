@@ -94,7 +94,7 @@ class ConditionReader:
             value = self._setting(condition, identifier)
             if value is not None:
                 found.parameters[parameter] = value
-        # Parameters for initial values are kept: they do not affect a run from a steady state.
+        # Parameters of initial values keep their values: runs from a steady state do not use them.
         for parameter in entities.initial.values() if before else ():
             if before and parameter in before.parameters:
                 found.parameters[parameter] = before.parameters[parameter]
@@ -421,7 +421,7 @@ class PetabModel:
                 if not self._is_number(symbol.name):
                     if identifier not in tables.settable:
                         continue
-                    # The tables replace the initial assignment in the model.
+                    # A number replaces the initial assignment; the tables set the value.
                     self.scene.set(symbol.name, 1.0)
                     valueless.add(identifier)
                 elif identifier not in self._sbml.assumed:

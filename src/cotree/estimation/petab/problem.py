@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 _MOST_DRAWS = 1000
 
-# Below this fraction of a Laplace scale, a square makes the slope continuous at zero.
+# Below this fraction of the Laplace scale, a parabola replaces the kink of the absolute value.
 _CORNER = 1e-3
 
 # Added to logarithms to make them positive; the logarithm of a double is never below -745.
@@ -371,8 +371,8 @@ class PetabProblem(Problem):
         import pandas
 
         values = self._found(parameters, slopes=False).values
-        # Like other PEtab tools, read with pandas, so that cells are equal. The Python engine keeps
-        # all digits of numbers in every version of pandas.
+        # Other PEtab tools also read tables with pandas, so cells become equal values. Its Python
+        # engine keeps all digits of numbers in every version.
         files = self._tables.measurement_files
         tables = [pandas.read_csv(file, sep="\t", engine="python") for file in files]
         # Rows that contain only separators are skipped.

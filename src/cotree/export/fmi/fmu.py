@@ -167,7 +167,7 @@ class FmuChoice:
     version: int = 3  # version of FMI, 2 or 3
     kinds: tuple[str, ...] = KINDS
     integrator: str | None = None  # method of Co-Simulation; None for one that suits the model
-    #: Inputs that the importer sets; None: those that are constant in the scene.
+    #: Inputs that the importer sets; None selects the inputs that are constant in the scene.
     inputs: tuple[str, ...] | None = None
     platforms: tuple[str, ...] | None = None  # platforms to compile for; None for this machine
 
@@ -280,7 +280,7 @@ def write_fmu(
     t_end, rtol, atol = numbers
     platforms = wanted_platforms(choice.platforms, choice.version)
     check_numbers(t_end, rtol, atol)
-    # Importers locate events but do not support frozen branches.
+    # Importers can locate events, but cannot freeze branches.
     program = strip_switching_surfaces(program)
     _check_calls(program)
     outside = _outside(program, choice.inputs)
@@ -288,7 +288,7 @@ def write_fmu(
     facts = _facts(program, choice, evaluated, outside, rest, numbers)
     identifier = c_identifier(program.layout.name)
     files = source_files(program, kernels, facts, choice.version)
-    # The token depends on all common data of description and library.
+    # The token is a digest of the sources, which contain it, so they are rendered twice.
     token = _token(files, choice)
     files = source_files(program, kernels, replace(facts, token=token), choice.version)
     listing = Listing(program.layout, kernels, outside, facts.has_sensitivities)
@@ -368,7 +368,7 @@ def _facts(
     is_dependent = evaluated.is_dependent()
     integrator = ""
     if has_steps:
-        # Explicit methods solve for algebraic unknowns in each stage.
+        # Explicit methods would solve for algebraic unknowns in each stage.
         is_stiff = bool(layout.n_algebraic) and not is_dependent
         integrator = choice.integrator or ("rodas5" if is_stiff else "dopri5")
         if INTEGRATORS[integrator].is_implicit:
@@ -378,7 +378,7 @@ def _facts(
         token="",
         integrator=integrator,
         is_exchangeable=is_exchangeable,
-        # In Model Exchange, sensitivities are not integrated.
+        # FMUs for Model Exchange do not integrate sensitivities.
         has_sensitivities=bool(layout.sensitivities) and not is_exchangeable,
         is_strict=is_dependent,
         outside=outside,
@@ -411,7 +411,7 @@ def extra_files(model: Any, choice: FmuChoice, t_end: float) -> dict[str, bytes]
     files = icon_files(drawn, choice.version)
     if model.kernels.backend != "C":
         return files
-    # Inputs from outside keep their initial values.
+    # Inputs that the importer sets are constant at their initial values.
     begin = model.kernels.input_values(0.0)
     wanted = choice.inputs or ()
     held = {name: u for name, u in zip(model.inputs, begin, strict=True) if name in wanted}
@@ -445,7 +445,7 @@ def _write_archive(path: Path, files: Mapping[str, bytes]) -> None:
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive,
     ):
         for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
-            # Without dates, the same model has the same bytes.
+            # A fixed date makes the bytes of the FMU reproducible.
             entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16

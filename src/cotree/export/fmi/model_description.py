@@ -186,7 +186,7 @@ class Description:
             for row in variables.indicators:
                 self._add_unknown(structure, "EventIndicator", row.reference, row.depends)
             return
-        # The knowns of FMI 2 are inputs, states and time, later on without parameters.
+        # In FMI 2, the knowns are inputs, states and time; parameters are omitted after the start.
         fixed = {row.reference for row in variables.parameters}
         initial.sort(key=lambda row: row.reference)
         for tag, found in (
@@ -238,7 +238,7 @@ class FmuVariable:
     start: float | None = None  # start value of the variable, if it has one
     derivative_of: int | None = None  # for a derivative: value reference of its state
     is_reset: bool = False  # whether events may set the variable
-    #: Value references of the knowns that it depends on, after and during initialization.
+    #: Value references of the knowns that determine the variable, after and during initialization.
     depends: tuple[int, ...] | None = None
     depends_at_start: tuple[int, ...] | None = None
 
@@ -295,7 +295,7 @@ class Listing:
         if self.firsts[-1] > 2**31 - 1:
             raise CodegenError("the scene has too many variables for an FMU")
         self.given = {"time"}
-        # Names of the scene take precedence; derived names get a number if they are taken.
+        # Names of the scene have priority; a derived name that is taken gets a number.
         named = (layout.parameters, layout.inputs, layout.outputs, layout.states)
         self.own = [[self._named(row.name) for row in rows] for rows in named]
         columns = kernels.partials.columns_of()
@@ -313,7 +313,7 @@ class Listing:
         algebraic = range(self.n_rates, self.n)
         if not algebraic:
             return columns
-        # An unknown may depend on all arguments of the residuals that it is connected with.
+        # Unknowns that occur in common residuals form a group, and may depend on all its arguments.
         group = {i: {i} for i in algebraic}
         for i in algebraic:
             merged = set().union(*(group[j] for j in columns[i] if j in group), group[i])
@@ -387,7 +387,7 @@ class Listing:
         own = [set(row) for row in self.kernels.initial.columns_of()] or [set()] * self.n
         everything = {self.firsts[3] + j for j in range(n_p)}
         everything |= {self.firsts[4] + j for j in range(len(self.outside))}
-        # A start with constraints may depend on all prescribed values.
+        # If constraints determine the start, it may depend on all prescribed values.
         is_tied = bool(layout.constraints or layout.start_rows)
         self.of_state: list[tuple[int, ...] | None] = []
         for i in range(self.n_rates):
@@ -395,7 +395,7 @@ class Listing:
             if is_tied and not layout.given[i]:
                 depends = everything
             elif is_found and not layout.given[i]:
-                depends = set()  # its value was computed
+                depends = set()  # the start was computed, so it depends on no variable
             self.of_state.append(tuple(sorted(depends)) if depends else None)
         exact = {self.firsts[1] + i for i, d in enumerate(self.of_state) if d is None}
         for i, depends_on in enumerate(self.of_state):

@@ -66,16 +66,16 @@ class Partials:
 class FmuKernels:
     """All further kernels."""
 
-    #: Rates and residuals, outputs, event indicators and signals, by states, inputs of the
-    #: importer, parameters and time.
+    #: Derivatives of rates and residuals, outputs, event indicators and signals with respect to
+    #: states, importer inputs, parameters and time.
     partials: Partials
     initial: Partials  # derivatives of the initial states with respect to parameters
     #: Derivatives of the constraints, then of the conditions at the start.
     constraints: Partials
     #: Upper bounds of the step size; then the first time and the period of each series of time
-    #: events, with derivatives along each sensitivity. None if there are none.
+    #: events, with their derivatives along each sensitivity. None if there are neither.
     stops: Kernel | None
-    starts: tuple[bool, ...]  # whether each series has no time event before the first one
+    starts: tuple[bool, ...]  # whether no time event of each series precedes the first time
     n_limits: int  # number of upper bounds of the step size
 
     @property
@@ -218,7 +218,7 @@ def source_files(
         sensitivities=facts.has_sensitivities,
         moving_breakpoints=facts.has_sensitivities and bool(kernels.starts),
         implicit=is_implicit,
-        # Whether the start has conditions other than those of algebraic unknowns.
+        # Conditions of algebraic unknowns alone do not count as conditions of the start.
         start=tables.start_tables.has_assembly or has_modes,
         breakpoints=kernels.stops is not None,
         exchange=facts.is_exchangeable,
@@ -271,7 +271,7 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         fields=[array.name for array in own],
         most_steps=MOST_STEPS,
         most_events=MOST_EVENTS,
-        # An operating point satisfies other equations.
+        # The redundant conditions do not hold at an operating point.
         start_tables=replace(own_tables, redundant=()) if facts.is_at_rest else own_tables,
         patterns=patterns,
         arrays=arrays,
