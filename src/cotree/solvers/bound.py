@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 _NONE = np.zeros(0)
 
-# Factor above which the increase of a normal force by friction counts as jamming.
+# A contact counts as jammed if friction increases its normal force by more than this factor.
 _JAMMED = 100.0
 
-# Messages name edges that contribute more than this to a dependent combination of constraints.
+# Minimum weight in a dependent combination of constraints for which a message names an edge.
 _INVOLVED = 0.1
 
 
 class BoundModel:
     """The functions of a model for the parameters p and the inputs u of one run.
 
-    ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
+    ``u(t)`` returns the inputs, shape (n_inputs,), or None to use the inputs of the model.
     """
 
     def __init__(
@@ -43,11 +43,11 @@ class BoundModel:
         self._kernels: dict[str, Kernel] = {}
 
     def augmented_rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the rates of states and sensitivities in a buffer of the kernel."""
+        """Return the rates of states and sensitivities; the next call overwrites the array."""
         return self._call("augmented_rhs", t, z)
 
     def rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the rates of the states in a buffer of the kernel."""
+        """Return the rates of the states; the next call overwrites the array."""
         return self._call("rhs", t, z)
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
@@ -69,7 +69,7 @@ class BoundModel:
     def singular(self, t: float, z: FloatArray) -> tuple[str, ...]:
         """Return the edges whose constraints are dependent, or nearly dependent, at a point."""
         rows, weakest = self._gradients(t, z)
-        # Eigenvalues of C C^T are squared singular values of C; eigenvectors combine constraints.
+        # Eigenvalues of C C^T are squared singular values of C; eigenvectors combine rows of C.
         squares, directions = np.linalg.eigh(rows @ rows.T)
         weak = directions[:, squares <= weakest**2]
         involved = np.flatnonzero(np.max(np.abs(weak), axis=1, initial=0.0) > _INVOLVED)
@@ -87,7 +87,7 @@ class BoundModel:
         return self._at(t).event_values(*self._parts(z))
 
     def jammed(self, t: float, z: FloatArray) -> str:
-        """Return a sentence on contacts that jam at the end of a failed run; empty if none does.
+        """Return a message on the contacts that jam at the end of a failed run, or an empty string.
 
         Friction increases the normal force without bound if it cancels the inertia at the contact.
         """
@@ -96,7 +96,7 @@ class BoundModel:
         y, s = self._parts(z)
         at, found = self._at(t), []
         for row in self.event_rows:
-            # The targets of such an event are its own mode, then the mode of the stop.
+            # The targets of a friction event are the mode of the friction and the mode of its stop.
             if not row.is_pressed or round(abs(y[row.targets[0]])) != 1:
                 continue
             force = next(
@@ -135,5 +135,5 @@ class BoundModel:
     def _gradients(self, t: float, z: FloatArray) -> tuple[FloatArray, float]:
         """Return the gradients, and the singular value below which they are nearly dependent."""
         starts = self._model.start_in_c
-        assert starts is not None  # only used with a compiler
+        assert starts is not None  # this method is only called for compiled models
         return starts.gradients(self._at(t), z[: self._n])

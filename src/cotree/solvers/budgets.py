@@ -1,6 +1,6 @@
 """Limits of a run: steps, events, time, and memory for its stored points.
 
-If the stored steps exceed their memory, every second one is dropped, and the run continues.
+If the stored steps exceed this memory, every second one is dropped, and the run continues.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
 
-#: Maximum memory for the stored steps of a run with the values evaluated at them, and for its
-#: events, [byte]. The creation of a result of this size needs up to four times as much.
+#: Maximum memory for the stored steps of a run, the values evaluated at them, and its events,
+#: [byte]. Creating a result of this size needs up to four times as much memory.
 MOST_STORED = 256 * 2**20
 
 # Minimum number of rows that are stored, however long a row is.
@@ -32,17 +32,17 @@ def most_rows(width: int) -> int:
 
 
 def steps_spent(limit: int) -> str:
-    """Return the message that the limit of steps is reached, without a capital and full stop."""
+    """Return a clause which states that the run reached its limit of steps."""
     return f"the limit of {limit} steps is reached"
 
 
 def events_spent(limit: float) -> str:
-    """Return the message that the limit of events is reached."""
+    """Return a clause which states that the run reached its limit of events."""
     return f"the limit of {limit:g} events is reached"
 
 
 def time_spent(limit: float) -> str:
-    """Return the message that the time limit, [s], is reached."""
+    """Return a clause which states that the run reached its time limit, [s]."""
     return f"the time limit of {limit:g} s is spent"
 
 
@@ -62,12 +62,12 @@ class Thinning:
     def thin(self) -> slice:
         """Double the stride, and return a slice that selects the stored steps to keep."""
         self.stride *= 2
-        # The first step is stored and, after it, each multiple of the stride.
+        # The stored steps are multiples of the old stride, beginning with step 0.
         return slice(None, None, 2)
 
     @property
     def note(self) -> str:
-        """A sentence on the steps that a result lacks; empty if it has all."""
+        """A message on steps that were not stored, or an empty string."""
         if self.stride == 1:
             return ""
         return (
@@ -76,12 +76,12 @@ class Thinning:
         )
 
 
-# Time until a progress bar appears, and interval of its updates, [s].
+# Time until a progress bar appears, and interval between its updates, [s].
 PATIENCE, _REFRESH = 1.0, 0.1
 
 
 class OwnBar:
-    """A progress bar that appears when it is first needed, and ends with its ``with`` block."""
+    """A progress bar that appears at its first update and ends with its ``with`` block."""
 
     _bar: Bar | None = None
 

@@ -1,4 +1,4 @@
-"""The C engine of a stepper, which is built once on a machine, loaded, and runs jobs."""
+"""C engines, one for each stepper: each is built once per machine, and integrates jobs."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Engine:
     """A loaded C engine that integrates with one stepper."""
 
     stepper: str  # name of the stepper in ``STEPPERS``
-    library: LoadedLibrary  # library that runs jobs
-    #: Structure ``cotree_sundials`` with the functions that the stepper calls, if any.
+    library: LoadedLibrary  # contains the functions that run jobs
+    #: Table of SUNDIALS functions, of type ``cotree_sundials``; None for other steppers.
     functions: Any = None
     sundials: Any = None  # SUNDIALS library; the reference keeps it loaded
 
@@ -48,12 +48,12 @@ class Engine:
 def build_ahead(
     *methods: str, has_events: bool = True, then: Sequence[Callable[[], object]] = ()
 ) -> None:
-    """Build the engines of methods, then call ``then``, in a thread while the model is compiled."""
-    # "auto" begins with steps of dop853.
+    """Start a thread that builds the engines of methods, then calls each function of ``then``."""
+    # Method "auto" starts with dop853.
     rows = [METHODS.get("dop853" if method == "auto" else method) for method in methods]
     steppers = [row.stepper for row in rows if row is not None and row.stepper]
     if steppers:
-        # The text is rendered before the thread starts, so that the compiler starts early.
+        # The C code is rendered before the thread starts, so that the compiler starts early.
         _code_of(steppers[0], has_events)
         thread = threading.Thread(
             target=_prepare, args=(steppers, then, has_events), name="cotree-engine"
@@ -71,10 +71,10 @@ def abandon_ahead() -> None:
 def _prepare(
     steppers: Sequence[str], then: Sequence[Callable[[], object]], has_events: bool
 ) -> None:
-    # A run that needs the engine raises the same error. A RuntimeError occurs at the end of the
-    # program, when thread pools accept no more work.
+    # Errors are ignored here, because a run that needs the engine raises them again. At the end of
+    # the program, thread pools raise a RuntimeError.
     with contextlib.suppress(Error, RuntimeError):
-        # Engines are built in sequence, since later ones use shared object files from the cache.
+        # Engines are built in sequence, because later ones reuse object files of earlier ones.
         for stepper in steppers:
             load_engine(stepper, has_events=has_events)
         for load in then or (load_sweep,):
@@ -82,16 +82,16 @@ def _prepare(
 
 
 def load_engine(stepper: str, *, has_events: bool = True) -> Engine | str:
-    """Build and load the engine of a stepper once, or return the reason why that fails.
+    """Return the engine of a stepper, built and loaded once, or the reason why that fails.
 
-    An engine without events and kinks compiles in half of the time.
+    An engine without events and kinks compiles in half the time.
     """
     if stepper not in SUNDIALS:
         return _opened(stepper, "", has_events)
     from cotree.solvers.sundials import library_path
 
     found = library_path(stepper)
-    # The path is a part of the cache key, since the environment may change.
+    # The cache key contains the path of SUNDIALS, because the environment may change.
     return found.why_not or _opened(stepper, found.path, has_events)
 
 
@@ -102,7 +102,7 @@ def _code_of(stepper: str, has_events: bool) -> SharedCode:
 
 @locked_cache
 def _opened(stepper: str, path: str, has_events: bool) -> Engine | str:
-    """Build an engine, and open the SUNDIALS library at ``path`` unless that is empty."""
+    """Build an engine; if ``path`` is not empty, open the SUNDIALS library there."""
     library = build_engine(_code_of(stepper, has_events))
     if library is None:
         return "no compiler can build its engine"
@@ -150,7 +150,7 @@ def _in_c(
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Evaluate all points in one C call; return None if a kernel fails at a point."""
     n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
-    # C evaluates the scene's inputs, while inputs of the run are passed as arrays.
+    # C evaluates inputs that the scene defines, and reads inputs set for this run from an array.
     inputs = np.zeros((n_t, len(model.inputs)))
     has_inputs = False
     if model.inputs and u(float(t[0])) is not None:
@@ -159,7 +159,7 @@ def _in_c(
     outputs, slopes = np.zeros((n_t, n_outputs)), np.zeros((n_t, m, n_outputs))
     ffi = library.ffi
     pointer = partial(pointer_to, ffi)
-    # C reads z point by point, hence the transpose.
+    # The transpose has one row per point, as C expects.
     status = library.lib.cotree_sweep(
         ffi.cast("cotree_model *", native.address),
         pointer(native.p),
@@ -176,7 +176,7 @@ def _in_c(
     # The caller evaluates the points again in Python to raise an error that names the cause.
     if status != 0:
         return None
-    # C writes point by point, while time is the last axis of results.
+    # C writes one row per point, while time is the last axis of results.
     return outputs.T.copy(), slopes.transpose(2, 1, 0).copy(), inputs.T.copy()
 
 

@@ -1,10 +1,11 @@
 """Guarded calls of the right-hand side and the Jacobian during one integration.
 
-The Jacobian of z has the state Jacobian J in each diagonal block, and d(J s_p + f_p)/dy below the
-first block. These second derivatives are differences of the right-hand side. Without them, Newton's
-method needs one more iteration, since its error is nilpotent: SciPy's BDF and Radau, which allow 4
-and 6 iterations, then take up to a hundred times as many steps on Robertson's problem, and
-sensitivities outside the error test have large errors (IDA, 20 %).
+z contains the states y and their sensitivities s_p. Its Jacobian has the state Jacobian J in each
+diagonal block and, below the first block, the second derivatives d(J s_p + f_p)/dy, which are
+differences of the right-hand side. Without these, Newton's method needs one more iteration, because
+its error is nilpotent. SciPy's BDF and Radau allow 4 and 6 iterations, and would take up to a
+hundred times as many steps on Robertson's problem. In IDA, sensitivities outside the error test
+would have errors of 20 %.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
 def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
     """Return a writeable view of the diagonal blocks of a matrix, (m, n_states, n_states)."""
     m = matrix.shape[0] // n_states
-    # The repeated index selects the blocks on the diagonal.
+    # The repeated index i selects the diagonal blocks.
     blocks: FloatArray = np.einsum("iaib->iab", matrix.reshape(m, n_states, m, n_states))
     return blocks
 
@@ -41,7 +42,7 @@ def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
 def assemble_dense(first: FloatArray, n_states: int) -> FloatArray:
     """Return the dense Jacobian of z from its first columns, (size, n_states).
 
-    These have the derivatives of z' with respect to the states; other diagonal blocks are also J.
+    ``first`` has the derivatives of z' with respect to the states; all diagonal blocks equal J.
     """
     size = first.shape[0]
     matrix = np.zeros((size, size))
@@ -57,7 +58,7 @@ def assemble_sparse(first: FloatArray, n_states: int) -> Any:
     size = first.shape[0]
     jacobian = first[:n_states]
     n_blocks = size // n_states - 1
-    # The first n_states columns are full; each further column contains a column of J in its block.
+    # The first n_states columns are full; a later column is nonzero only in its diagonal block J.
     block_rows = np.arange(n_states, size).reshape(n_blocks, 1, n_states)
     rows = np.broadcast_to(block_rows, (n_blocks, n_states, n_states))
     data = np.broadcast_to(jacobian.T, (n_blocks, n_states, n_states))
@@ -80,24 +81,24 @@ def difference_columns(
     middle = rhs(z)
     columns = np.empty((problem.size, problem.n_states))
     for j in range(problem.n_states):
-        # As in SUNDIALS, the increment is at least the tolerance, so that rounding errors of the
-        # difference matter less than those of the corrections.
+        # As in SUNDIALS, the increment is at least the tolerance of the state. Smaller increments
+        # would increase the rounding error of the difference quotient.
         y = abs(z[j])
         shifted = z.copy()
         shifted[j] += max(_ROOT_EPS * y, rtol * y + atol[j])
-        # The divisor is the increment after rounding.
+        # Division by the rounded increment avoids its rounding error.
         columns[:, j] = (rhs(shifted) - middle) / (shifted[j] - z[j])
     return columns
 
 
 def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
-    """Return the relative tolerance, and the absolute tolerances (..., len(problem.integrated))."""
+    """Return the relative tolerance and the absolute ones, shape (..., len(problem.integrated))."""
     tolerances = Tolerances(problem)
     return tolerances.rtol_of(problem), tolerances.of(problem)
 
 
 class IntegrationStopError(Exception):
-    """Raised inside a callback to stop a solver, whose trajectory then has a failure status."""
+    """Raised in a callback to stop the solver; the trajectory then has a failure status."""
 
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
@@ -116,21 +117,21 @@ class Evaluator:
         self.njev = 0
         self.not_finite = ""
         self._last_jacobian: Any = None
-        # Evaluations are restricted to the whole span until the first segment starts.
+        # Until the first segment starts, evaluations may use the whole time span.
         self._bounds = sorted(problem.settings.t_span)
         self._deadline = math.inf
         if problem.settings.time_limit is not None:
             rest = problem.settings.time_limit - problem.seconds_taken
             self._deadline = time.perf_counter() + rest
-        # The number of evaluations in one step is limited, since SciPy's step loops do not end if
-        # the step size becomes nan. A step takes tens of evaluations or, if the solver computes the
-        # Jacobian by differences, as many as z has entries.
+        # Evaluations per step are limited, because SciPy's step loops do not end if the step size
+        # becomes nan. A step needs tens of evaluations, or as many as z has entries if the solver
+        # computes the Jacobian by differences.
         self._per_step = 10_000 + 100 * problem.size
         self._allowed = self._per_step
 
     def open_segment(self, start: float, end: float) -> None:
         """Restrict evaluations to the times within a segment between two breakpoints."""
-        # Stages at an end of a segment must not evaluate the rates beyond a jump there, since the
+        # Rates may jump at the ends of a segment. If stages evaluated them beyond such a jump, the
         # error test would reject all steps. The margin covers the rounding of times.
         low, high = self.problem.settings.t_span
         size = max(abs(start), abs(end), self.problem.scale)
@@ -142,13 +143,13 @@ class Evaluator:
         self._bounds = sorted((first, last))
 
     def step_done(self) -> None:
-        """Permit the evaluations of another step."""
+        """Reset the limit of evaluations for the next step."""
         self._allowed = self.nfev + self._per_step
 
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
         """Return the derivative of z as a new array."""
         dz = self._call(t, z)
-        # A dot product detects nan and infinity in one pass, but squares may also overflow.
+        # The dot product is not finite if an entry is nan or infinite, but it may also overflow.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
             self._remember(t, z, dz)
         return dz
@@ -190,8 +191,8 @@ class Evaluator:
             columns[:n_states] = self._checked(t, columns[:n_states])
         else:
             columns[:n_states] = self.state_jacobian(t, z)
-        # The other rows, derivatives of J s_p + f_p with respect to the states, only accelerate
-        # the iteration, so entries that are not finite are replaced by zero.
+        # The other rows are second derivatives. They only accelerate the iteration, so entries that
+        # are not finite are replaced by zero.
         columns[~np.isfinite(columns)] = 0.0
         return columns
 
@@ -199,7 +200,7 @@ class Evaluator:
         """Return the Jacobian of z, in SciPy's CSC form if that is cheaper and allowed."""
         if self.problem.is_sparse and not is_dense:
             return self.sparse_jacobian(t, z)
-        # With many blocks the matrix is mostly zero: only J and the first columns are not.
+        # With many sensitivities most entries are zero, so a sparse matrix is cheaper.
         is_long = self.problem.n_sensitivities and self.problem.size > DENSE_LIMIT
         assemble = assemble_sparse if is_long and not is_dense else assemble_dense
         return assemble(self.first_columns(t, z), self.problem.n_states)
@@ -225,7 +226,7 @@ class Evaluator:
             raise IntegrationStopError(FAILED, "the step size control does not come to an end")
         try:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))
-        except SingularSystemError as error:  # the system is singular only at this configuration
+        except SingularSystemError as error:  # the model is singular at this point
             raise IntegrationStopError(FAILED, str(error)) from None
 
     def _differences(self, t: float, z: FloatArray) -> FloatArray:
@@ -248,8 +249,8 @@ class Evaluator:
         phrase = f"{entry} is {matrix[row, column]} at t = {float(t):.10g}"
         if self._last_jacobian is None:
             raise IntegrationStopError(FAILED, phrase)
-        # A trial step may leave the domain of the equations. An older Jacobian only slows down the
-        # iteration; if the right-hand side is not finite either, the solver shortens the step.
+        # A trial step may leave the domain of the equations. The last finite Jacobian only slows
+        # the iteration; if the right-hand side is not finite either, the solver shortens the step.
         self.not_finite = self.not_finite or phrase
         return self._last_jacobian.copy()
 

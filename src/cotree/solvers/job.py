@@ -1,4 +1,4 @@
-"""One run of a C method: a structure that C advances by a given number of steps at a time."""
+"""Jobs: runs of C methods, which C advances by a given number of steps per call."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Callbacks(CObjects):
 
 
 class Rescue:
-    """Search in Python for points that the iterations in C do not find; ``reason`` of a failure."""
+    """Python solver for algebraic equations on which C failed; ``reason`` is its error message."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -88,14 +88,14 @@ class Rescue:
         from cotree.model.algebraic import Algebraic
 
         problem = self.problem
-        assert problem.state_rhs is not None  # a compiled model has both
+        assert problem.state_rhs is not None  # compiled models have both functions
         assert problem.jacobian is not None
         unknowns = Algebraic(
             problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic
         )
 
         try:
-            # Copied, since C continues with the old point after a failure.
+            # C needs the old point after a failure, so a copy is changed.
             found = y.copy()
             unknowns.solve(t, found)
         except Error as error:
@@ -105,7 +105,7 @@ class Rescue:
         return True
 
 
-# Initial number of rows, and number of rows that are copied at a time when steps are thinned out.
+# Initial number of rows, and number of rows that are copied at once when steps are dropped.
 _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 
 
@@ -129,9 +129,9 @@ class Rows:
         self._job.times, self._job.values = self._pointers
 
     def stored(self, z: FloatArray, *, is_cut: bool) -> tuple[FloatArray, FloatArray]:
-        """Return the stored times and values, (..., n_t), with the last point z if ``is_cut``."""
+        """Return stored times, and values (..., n_t), with the last point z if ``is_cut``."""
         kept = int(self._job.n_kept)
-        # If stored steps are thinned out, the last one may be missing.
+        # The last step may not be stored if the stride exceeds 1.
         if is_cut or self.thinning.stride > 1:
             if kept == self._room:
                 self._make_room(kept + 1)
@@ -141,13 +141,13 @@ class Rows:
         return self.times[:kept].copy(), self.values[:kept].T.copy()
 
     def steps_with_room(self, most_steps: int) -> int:
-        """Allocate rows, or drop stored steps; return the number of steps that may be taken."""
+        """Allocate rows or drop stored steps; return the number of steps that now fit."""
         if not self._keeps_steps:
             return most_steps
         while True:
             kept = int(self._job.n_kept)
-            # One row for each step, two if steps are thinned out and events are stored as well; and
-            # rows for the start and the end.
+            # A step needs one row, or two if steps are thinned out and events are stored as well.
+            # The start and the end need one row each.
             each = 1 if self.thinning.stride == 1 else 2
             needed = kept + each * most_steps + 2
             if needed <= self._room:
@@ -164,16 +164,16 @@ class Rows:
         """Drop the new steps that the thinning does not select."""
         if not self._keeps_steps:
             return
-        # An event may have replaced the last row that was counted.
+        # ``n_kept`` may have decreased, because an event can replace the last row.
         first = min(self._n_thinned, int(self._job.n_kept))
         chosen = self.thinning.select(int(self._job.n_kept) - first)
         self._keep_rows(first, chosen)
 
     def _keep_rows(self, first: int, chosen: slice) -> None:
-        """Keep the rows that ``chosen`` selects from those after ``first``; discard the others."""
+        """From row ``first`` on, keep only the rows that ``chosen`` selects."""
         if chosen.step != 1:
             places = range(first, int(self._job.n_kept))[chosen]
-            # Rows are moved in parts, which avoids a copy of all rows.
+            # Moving rows in blocks avoids a copy of the whole array.
             for start in range(0, len(places), _ROWS_AT_ONCE):
                 part = places[start : start + _ROWS_AT_ONCE]
                 to = slice(first + start, first + start + len(part))
@@ -194,18 +194,18 @@ class Rows:
 
 T = TypeVar("T")
 
-# Maximum number of idle jobs of one kind, as many as threads of a small machine; and maximum size
-# of an idle job, [byte]: larger jobs take much longer to run than to create.
+# Maximum number of idle jobs of one kind, for the threads of a small machine, and maximum size of
+# an idle job, [byte]. Larger jobs take much longer to run than to create.
 _MOST_JOBS, _MOST_BYTES = 8, 2**18
 
-# Maximum number of results that :class:`Shared` keeps.
+# Maximum number of results that :class:`Shared` caches.
 _MOST_FINDINGS = 64
 
 
 class Shared:
-    """Thread-safe store of jobs and results that runs with the same settings share.
+    """Thread-safe pool of jobs and cache of results for runs with the same settings.
 
-    Results are stored only if ``is_repeatable``: runs that call no Python functions.
+    Results are cached only if ``is_repeatable``, that is, if runs call no Python functions.
     """
 
     def __init__(self, *, is_repeatable: bool) -> None:
@@ -227,10 +227,10 @@ class Shared:
             self._idle.setdefault(job.kind, deque(maxlen=_MOST_JOBS)).append(job)
 
     def finding(self, make: Callable[[], T], *of: FloatArray) -> T:
-        """Return the result of ``make``, cached by the numbers ``of`` on which it depends."""
+        """Return the result of ``make()``, cached under the arrays ``of`` that determine it."""
         if not self._is_repeatable:
             return make()
-        # The key contains bits and lengths, so different sets of numbers have different keys.
+        # The key contains bits and lengths of the arrays, so different arrays have different keys.
         key = blake2b(b"".join(array.tobytes() for array in of), digest_size=16).digest()
         found: T = self._findings.of((key, *map(len, of)), make)  # type: ignore[assignment]
         return found
@@ -256,9 +256,9 @@ def _times_of(problem: Problem) -> tuple[Any, ...]:
 class Job:
     """A C job with the arrays that it points to; :meth:`end` must be called.
 
-    A job that has ended can begin again with other values in the same arrays. C overwrites ``z``,
-    the last valid point. ``is_wide``: a sparse factorisation would be much cheaper than the banded
-    one of SUNDIALS.
+    A job that has ended can begin again with other values in the same arrays. ``z`` is the last
+    valid point, which C updates. ``is_wide`` is true if a sparse factorisation would be much
+    cheaper than the banded one of SUNDIALS.
     """
 
     def __init__(
@@ -270,18 +270,18 @@ class Job:
         *,
         is_extended: bool = False,
     ) -> None:
-        assert problem.native is not None  # otherwise the method has been rejected
+        assert problem.native is not None  # C methods reject problems without C code
         self._ffi, self._lib = engine.library.ffi, engine.library.lib
         self.engine = engine
         self._arrays: dict[str, FloatArray] = {}
-        self._pointers: dict[str, Any] = {}  # arrays by name; keeps them alive
+        self._pointers: dict[str, Any] = {}  # C pointers, which keep the arrays alive
         self._n_bytes = 0  # total size of the arrays
         self.rescue = Rescue(problem)
         self._callbacks = Callbacks(self._ffi, self.rescue, newton, problem.native.library)
         self.kind = job_kind(row, problem, is_extended=is_extended)
         self.has_newton = newton is not None
         c = self.job = self._ffi.new("cotree_job *")
-        # Negative indices mean none, since zero is the first entry.
+        # The index -1 means none, because 0 is the first entry.
         c.entry = c.row = c.column = -1
         c.has_sensitivities = int(problem.n_sensitivities > 0)
         c.is_held = int(problem.held is not None)
@@ -301,7 +301,7 @@ class Job:
         known = as_tested(row, problem)
         self._tolerances = Tolerances(known, is_left)
         c.n, c.atol = len(self.places), problem.settings.atol
-        # The corrector methods cannot return to a point within a step.
+        # Corrector methods leave kinks to the error test: they cannot return to a point in a step.
         c.is_tested = int(row.family == "correctors")
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
         self.is_wide = False
@@ -312,20 +312,20 @@ class Job:
 
             self._aid = aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
-        # SUNDIALS memory and Python functions belong to a single run.
+        # A job with SUNDIALS memory or Python functions serves a single run.
         asks_python = bool(problem.functions) or problem.reach is not None
         self.is_reusable = engine.functions is None and not asks_python
-        # An event record: time, event, sensitivities of the time, states before and after.
+        # An event record: time, event, sensitivities of the time, states before, states after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
         self.records = np.zeros((0, self._width))
-        # Maximum number of event records in one step, for which C needs space before each step.
+        # Maximum number of event records in one step; C needs space for them before the step.
         self._at_once = 0
         if problem.events is not None:
             self._at_once = len(problem.events.event_rows) + LIMITS.event_rounds
-        # Content of the structure at the start of each run: mainly pointers.
+        # Copy of the structure, mainly pointers, to which each run resets it.
         self._blank = self._ffi.new("cotree_job *", c[0])
         self.rows = Rows(self._ffi, c, problem)
-        # The values, as bytes, from which the tolerances of the last run were computed.
+        # Bytes of the values from which the tolerances of the last run were computed.
         self._sizes: list[bytes | None] = []
         self._times: FloatArray = np.zeros(0)
         self._wanted: FloatArray | None = None
@@ -335,8 +335,8 @@ class Job:
         self.begin(problem)
 
     def begin(self, problem: Problem) -> None:
-        """Begin a run of a problem, which may have other values, times and functions."""
-        assert problem.native is not None  # the problem is of the same kind
+        """Begin a run; its values, times and functions may differ from those of the last run."""
+        assert problem.native is not None  # the problem has C code, as the first one
         c, native = self.job, problem.native
         c[0] = self._blank[0]
         self._callbacks.errors.clear()
@@ -363,7 +363,7 @@ class Job:
         if self._at_once:
             bound = most_rows(self._width)
             c.most_events = min(problem.settings.max_events or bound, bound)
-        # The size of the memory depends on all other fields.
+        # C computes the size of its memory from all other fields.
         size = 0 if is_timed else -(-int(self._lib.cotree_job_memory(c)) // 8)
         memory = self._arrays.get("memory")
         if memory is None or memory.size < size:
@@ -386,7 +386,7 @@ class Job:
 
     @property
     def n_bytes(self) -> int:
-        """The size of an idle job, [byte]."""
+        """The memory of the job's arrays, [byte]."""
         return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
     def _set_model(self, problem: Problem) -> None:
@@ -417,13 +417,13 @@ class Job:
         if problem.settings.t_eval is None:
             return
         c.n_wanted = len(problem.settings.t_eval)
-        # Times are never changed in place, so the same array has the same values.
+        # Arrays of times are never changed in place, so the same object has the same values.
         if problem.settings.t_eval is not self._wanted:
             self._wanted = problem.settings.t_eval
             self._set_array("wanted", np.asarray(problem.settings.t_eval, dtype=float))
 
     def run(self, most_steps: int) -> int:
-        """Take at most ``most_steps`` steps, and return a result such as ``COTREE_JOB_DONE``."""
+        """Take at most ``most_steps`` steps; return a code such as ``COTREE_JOB_DONE``."""
         most_steps = self.rows.steps_with_room(most_steps)
         if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
             self._make_records(2 * self.job.most_records)
@@ -431,7 +431,7 @@ class Job:
         if self._tested_from is not None:
             unwatched = self._tested_from - int(self.job.n_steps)
             self.job.is_waiting = int(unwatched <= 0)
-            # C stops where the test begins.
+            # C stops at the step at which the test for stiffness begins.
             most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
         result = int(self._lib.cotree_job_run(self.job, most_steps))
         if self._callbacks.errors:
@@ -484,14 +484,14 @@ class Job:
         self.job.most_records = self._blank.most_records = rows
 
     def _set_array(self, name: str, values: FloatArray) -> None:
-        """Point a field of the structure to values, for this run and later runs."""
+        """Copy values to an array, and point a field of the structure to it in all runs."""
         known = self._pointers.get(name)
         pointer = self._placed(name, values)
         if pointer is not known:
             self._point(name, pointer)
 
     def _placed(self, name: str, values: FloatArray) -> Any:
-        """Copy values into an array and return its pointer, which changes only with the size."""
+        """Copy values to an array; return its pointer, which changes only with the size."""
         array = self._arrays.get(name)
         if array is not None and array.size == values.size:
             array[...] = values

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, Trajectory
 
 
-# Sentences by status.
+# Messages by the number of a status.
 _SENTENCES = dict(enumerate(SENTENCES.values()))
 
-# Undefined rates explain short steps if they occur within this fraction of the elapsed time or, at
-# the start, within the square of this fraction of the span.
+# Undefined rates explain short steps if they are within this fraction of the elapsed time ahead. At
+# the start, the limit is the square of this fraction times the span.
 _SOON = 1e-3
 
 
@@ -59,13 +59,13 @@ def failure(job: Job, problem: Problem) -> str:
     elif c.row < 0 and status in (NUMBERS["RATE_FAILED"], NUMBERS["RATE_NOT_FINITE"]):
         reasons += _fault_of_jacobian(job, problem)
     reason = "; ".join(reasons)
-    # Steps may be short because rates are undefined beyond a point.
+    # Steps become short if the rates are undefined beyond a point.
     why = undefined_ahead(problem, float(c.t), job.z)
     return f"{reason}: {why}" if why else reason
 
 
 def _fault_of_jacobian(job: Job, problem: Problem) -> list[str]:
-    """Return a message on a Jacobian entry that is not finite at the job's point, if any."""
+    """Return a message on a Jacobian entry that is not finite at the last point, if any."""
     if not job.has_newton or problem.n_algebraic:
         return []
     try:
@@ -90,7 +90,7 @@ def _event_reason(job: Job, problem: Problem, name: str) -> str:
 
 
 def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> list[str]:
-    """Return sentences on impacts that came to rest, and on contacts that jam as a run fails."""
+    """Return messages on impacts that ended at rest and, after a failure, on contacts that jam."""
     if problem.events is None:
         return []
     rested, jammed = rest_note(problem.events.event_rows, job.event_records), ""
@@ -102,7 +102,7 @@ def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     """Return the reason why rates are undefined just after the last point, or an empty string.
 
-    They are evaluated along the tangent of the motion from the last valid point (t, z).
+    The rates are evaluated along the tangent of the motion from the last valid point (t, z).
     """
     if problem.undefined is None or problem.state_rhs is None:
         return ""
@@ -115,7 +115,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     # Algebraic unknowns are held constant, since their entries are residuals, not rates.
     rates[problem.n_states - problem.n_algebraic :] = 0.0
     reach = min(abs(end - t), _SOON * max(abs(t - start), _SOON * abs(end - start)))
-    # Distances grow by factors of four from a few units in the last place, to the nearest cause.
+    # The distance grows from a few ulps of t by factors of four, to find the nearest cause.
     step = 4.0 * float(np.spacing(max(abs(t), float(np.finfo(np.float64).tiny))))
     while step <= reach and not why:
         ahead = math.copysign(step, end - start)
@@ -125,7 +125,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
 
 def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return the reason why rates, or algebraic unknowns, are undefined at a point, or empty."""
+    """Return why rates or algebraic unknowns are undefined at a point, or an empty string."""
     assert problem.undefined is not None  # checked by the caller
     why = problem.undefined(t, y)
     if why or not problem.n_algebraic:
@@ -160,7 +160,7 @@ def _quoted(names: Iterable[str]) -> str:
     return listed(f"'{name}'" for name in names)
 
 
-#: Sentences by status name; ``t`` is the time, and ``detail`` a second time, a duration or a count.
+#: Messages by status name; ``t`` is the time, and ``detail`` a second time, a duration or a count.
 EVENT_MESSAGES = {
     "EVENTS_NOT_FINITE": "the function of event {event} is not finite",
     "EVENTS_SET_NOT_FINITE": "a new value of event {event} is not finite",
@@ -259,24 +259,24 @@ EVENT_MESSAGES = {
 #: Maximum number of impacts that a message lists.
 _MOST_RESTS = 3
 
-#: Statuses whose descriptions name edges.
+#: Statuses whose messages name edges instead of events.
 _OF_EDGES = (
     *("EVENTS_NO_MODES", "EVENTS_LOCKED_DIRECTION", "EVENTS_NO_IMPULSES", "EVENTS_NEGATIVE_GAP"),
     *("EVENTS_ENERGY_GAIN", "EVENTS_NOT_UNIQUE", "EVENTS_INDETERMINATE", "EVENTS_LOSSY_IMPACT"),
 )
 
-#: Statuses in which all events that fired take part.
+#: Statuses whose messages name all events that fired.
 _OF_MANY = (
     *("EVENTS_CASCADE", "EVENTS_SLIDING", "EVENTS_NO_MODES"),
     *("EVENTS_NO_IMPULSES", "EVENTS_INDETERMINATE"),
 )
 
-#: Suffixes after the edge name in the names of friction and stop events.
+#: Suffixes that follow the edge name in the names of friction and stop events.
 _EDGE = re.compile(r" (stops|turns its load|rests|hits|hits upper|hits lower)$")
 
 
 def subjects(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
-    """Return the names of events or edges for a sentence of :data:`EVENT_MESSAGES`."""
+    """Return the names of events or edges for a message of :data:`EVENT_MESSAGES`."""
     listed = fired if name in _OF_MANY else [event]
     if name not in _OF_EDGES:
         return listed
@@ -284,7 +284,7 @@ def subjects(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
 
 
 def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
-    """Return a sentence on impacts after which a rigid stop is at rest, or an empty string."""
+    """Return a message on impacts after which a rigid stop is at rest, or an empty string."""
     listed = [
         f"'{_EDGE.sub('', rows[int(i)].name)}' at t = {t:.10g}"
         for t, i in records[:, :2].tolist()
@@ -297,10 +297,10 @@ def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
     return f"Impacts ended in rest, slower than rest_speed: {shown}."
 
 
-# Fractions of the elapsed time at which the early part of a run ends and the late part begins.
+# Fractions of the run time at which the early part ends and the late part begins.
 _EARLY, _LATE = 0.1, 0.9
 
-# Growth factor from the early to the late part that counts as growth. In ten times the time, a
+# Minimum factor from the early to the late part that counts as growth. In ten times the time, a
 # uniform motion covers ten times the distance, and an accelerated motion a hundred times.
 _LEAST = 1e3
 
@@ -312,18 +312,18 @@ _LEAST_POWER = 7.0
 _ROUNDED = "STEP_TOO_SMALL PROJECTION_FAILED NOT_PROJECTED ERROR_TEST_FAILED NOT_CONVERGED"
 _OF_ROUNDING = tuple(SENTENCES[name] for name in _ROUNDED.split())
 
-# A slope that exceeds its value shortly before by more than this factor counts as infinite.
+# A slope counts as infinite if it exceeds its value shortly before by more than this factor.
 _STEEPER = 100.0
 
 # An equation hardly determines an unknown if its derivative with respect to the unknown is below
 # this fraction of the largest derivative in the equation.
 _HARDLY = 1e-8
 
-# Maximum numbers of unknowns for which a determinant is computed, and that a message names.
+# Maximum number of unknowns for a determinant, and maximum number of names in a message.
 _MOST_UNKNOWNS, _MOST_NAMED = 50, 4
 
-# Distances of test points beside a fold, relative to an unknown; the small ones are for large
-# gains, whose folds are narrow.
+# Distances of test points from a fold, relative to an unknown. The folds of large gains are narrow
+# and need the small distances.
 _BESIDE_FOLD = (-1e-3, -1e-5, 1e-5, 1e-3)
 
 
@@ -336,13 +336,13 @@ def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
 
 
 def is_of_rounding(trajectory: Trajectory) -> bool:
-    """Return whether rounding errors of forces may be the cause of an early stop."""
+    """Return whether rounding errors of forces may have caused an early stop."""
     message = trajectory.message
     return trajectory.status == BUDGET_SPENT or any(text in message for text in _OF_ROUNDING)
 
 
 def fold(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on a fold of the algebraic equations where a run ends, or empty."""
+    """Return a message on a fold of the algebraic equations at the end of a run, if any."""
     if not trajectory.t.size:
         return ""
     is_known = SENTENCES["FOLD"] in trajectory.message
@@ -350,7 +350,7 @@ def fold(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def fold_at(problem: Problem, t: float, z: FloatArray, *, is_known: bool = False) -> str:
-    """Return a sentence on a fold of the algebraic equations at a point, or empty."""
+    """Return a message on a fold of the algebraic equations at a point, or an empty string."""
     m, n = problem.n_algebraic, problem.n_states
     if not (is_known or _is_near_fold(problem, t, z[:n])):
         return ""
@@ -363,7 +363,7 @@ def fold_at(problem: Problem, t: float, z: FloatArray, *, is_known: bool = False
 
 
 def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
-    """Return whether two solutions of the algebraic equations merge near a point, and end there.
+    """Return whether two solutions of the algebraic equations meet and end near a point.
 
     The determinant of the derivatives with respect to the unknowns changes its sign at a fold.
     """
@@ -372,7 +372,7 @@ def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
         return False
     signs: set[float] = set()
     floor = problem.state_atol / problem.settings.rtol
-    # Several distances are tested, since a kink may be near the last point.
+    # Several distances are tested, because a kink may be near the last point.
     for i in range(n - m, n):
         for aside in _BESIDE_FOLD:
             there = y.copy()
@@ -385,7 +385,7 @@ def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
 
 
 def undetermined(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on algebraic unknowns that their equations hardly determine, or empty."""
+    """Return a message on algebraic unknowns that their equations hardly determine, if any."""
     m, n = problem.n_algebraic, problem.n_states
     is_sought = m > 0 and "algebraic equations cannot be solved" in trajectory.message
     if not (is_sought and trajectory.t.size) or problem.jacobian is None:
@@ -410,9 +410,9 @@ def undetermined(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on a rate with an infinite slope where steps became too short, or empty.
+    """Return a message on a rate with an infinite slope where steps became too short, if any.
 
-    Sensitivities there are proportional to a root of time, which steps resolve to about sqrt(eps).
+    Sensitivities grow there like a root of time, which steps resolve only to about sqrt(eps).
     """
     n, start = problem.n_states, float(problem.settings.t_span[0])
     is_sought = problem.n_sensitivities and ROUNDING_LEVEL in trajectory.message
@@ -425,7 +425,7 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
     with np.errstate(all="ignore"):
         here = np.abs(np.array(problem.jacobian(t, z[:n])))
         before = np.abs(np.array(problem.jacobian(t - back, z[:n] - back * rates)))
-        # The negation includes slopes that are not finite.
+        # The negation makes slopes that are not finite count as steep.
         is_steep = ~(here <= _STEEPER * (before + 1.0 / max(abs(back), 1e-300) * _SOON))
     if not is_steep.any():
         return ""
@@ -439,15 +439,15 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def growth(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on the state that has grown most, or empty if none has grown much.
+    """Return a message on the state that has grown most, or an empty string if none grew much.
 
-    Much is a thousand times its range in the first tenth of the run, with the maximum in the last
-    tenth, and growth there at least like the seventh power of time.
+    A state counts if it exceeds a thousand times its range in the first tenth of the run, has its
+    maximum in the last tenth, and grows there at least like the seventh power of time.
     """
     n, start = problem.n_states, float(problem.settings.t_span[0])
     if not trajectory.t.size or not n:
         return ""
-    # The requested times may not include the start.
+    # Requested times may not include the start.
     t = np.abs(np.concatenate([[start], trajectory.t]) - start)
     y = np.abs(np.column_stack([problem.z0[:n], trajectory.z[:n]]))
     early, late = t <= _EARLY * t[-1], t >= _LATE * t[-1]
@@ -457,8 +457,8 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
         ranges = np.maximum(np.max(y[:, early], axis=1), floor)
         ranges[n - problem.n_algebraic :] = np.inf
         last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)
-        # Power of time with which each state grows at the end, or has grown in the last tenth: an
-        # oscillating state may be momentarily constant at the end.
+        # Exponent of time with which each state grows at the end or, if larger, in the last tenth:
+        # an oscillating state may be momentarily constant at the end.
         rate = (problem.state_rhs or problem.rhs)(float(trajectory.t[-1]), trajectory.z[:, -1])[:n]
         power = problem.direction * t[-1] * np.asarray(rate) / trajectory.z[:n, -1]
         before = np.flatnonzero(~late)
@@ -470,7 +470,7 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     worst = int(np.argmax(factors))
     if not factors[worst] >= _LEAST:
         return ""
-    # The last time at which the state was in this range.
+    # The last time at which the state was within its early range.
     since = start + problem.direction * float(t[np.flatnonzero(y[worst] <= ranges[worst])[-1]])
     name = f"'{problem.names[worst]}'" if problem.names else f"State {worst}"
     return (

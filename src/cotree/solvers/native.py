@@ -32,15 +32,15 @@ _UNSOLVED = {
 }
 
 
-#: Reason why a method stops if its steps no longer change t.
+#: Message if a method stops because its steps no longer change t.
 ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
 
-# Fraction of the span above which the spacing of floating-point times may be too coarse.
+# The rounding of times may limit steps if their spacing exceeds this fraction of the span.
 _FINE = 1e-12
 
 
 def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
-    """Return sentences on the end time, the reason for an early stop if any, and the tolerance."""
+    """Return messages on the end time, the reason for an early stop, and a raised tolerance."""
     sentences = [f"{method} reached t = {t:.10g}."]
     if reason:
         end = problem.settings.t_span[1]
@@ -57,7 +57,7 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
 
 
 def stiffness_note(job: Any) -> str:
-    """Return a sentence if an explicit method has found the problem stiff; otherwise empty."""
+    """Return a message if an explicit method detected stiffness, or an empty string."""
     if not (job.is_stiff and job.n_stiff_steps > LIMITS.most_stiff_steps):
         return ""
     return (
@@ -68,7 +68,7 @@ def stiffness_note(job: Any) -> str:
 
 
 def _rounding_of_time(problem: Problem, t: float) -> str:
-    """Return a sentence if rounding of a large t limits the step size; otherwise empty."""
+    """Return a message if the rounding of a large t limits the step size, or an empty string."""
     spacing, (start, end) = float(np.spacing(abs(t))), problem.settings.t_span
     if spacing <= _FINE * abs(end - start):
         return ""
@@ -79,7 +79,7 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
 
 
 def with_compile_time(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """Add the time in which the method's C code was compiled or found, [s], to a trajectory."""
+    """Add the time that the compilation of the method's C code took, [s], to a trajectory."""
     statistics = changed(trajectory.statistics, compile_seconds=seconds)
     return changed(trajectory, statistics=statistics)
 
@@ -88,7 +88,7 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     if problem.held is None and cut == n:
         return None
-    # They are evaluated in Python, since C does not store residuals.
+    # Residuals are evaluated in Python, because C does not store them.
     columns = []
     for j, at in enumerate(t.tolist()):
         point = np.ascontiguousarray(z[:, j])
@@ -102,11 +102,11 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
     return Drift(names, residual, float(job.job.correction))
 
 
-# Results of ``cotree_job_run``.
+# Return codes of ``cotree_job_run``.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
-# Maximum time of one C call, [s]; and number of steps in the first call, which is small, since a
-# step of a large model may take milliseconds.
+# Maximum time of one C call, [s], and number of steps in the first call: few, because a step of a
+# large model may take milliseconds.
 _GLANCE, _FIRST_STEPS = 0.1, 100
 
 
@@ -129,7 +129,7 @@ def check_available(method: str) -> None:
 
 
 def is_available(method: str) -> bool:
-    """Return whether the library that a method needs, if any, can be used."""
+    """Return whether the library that a method needs is installed and has the right version."""
     try:
         check_available(method)
     except SolveError:
@@ -138,12 +138,12 @@ def is_available(method: str) -> bool:
 
 
 def can_extend(row: Method, problem: Problem) -> bool:
-    """Return whether a method integrates algebraic unknowns, not solves for them at each call."""
+    """Return whether a method can integrate algebraic unknowns instead of solving for them."""
     return (
         problem.native is not None
         and problem.native.can_extend
-        and not (problem.replaced or problem.functions)  # their rates are unknown
-        # Explicit methods would otherwise solve for the unknowns in each stage.
+        and not (problem.replaced or problem.functions)  # the rates of these inputs are unknown
+        # Only explicit methods gain: they would solve for the unknowns in each stage.
         and not row.implicit
         and problem.held is None
         and problem.events is None
@@ -152,20 +152,20 @@ def can_extend(row: Method, problem: Problem) -> bool:
 
 @dataclass(eq=False)
 class Attempt:
-    """An integration in C that has begun."""
+    """An integration in C that has begun and can be advanced, finished or abandoned."""
 
     problem: Problem
     row: Method  # integration method
-    job: Job  # job of the run, which may have taken some steps
+    job: Job  # C job of the run, which may have taken some steps
     is_extended: bool  # whether the job integrates algebraic unknowns
-    compiling: float  # time in which the method's C code was compiled, [s]
+    compiling: float  # time that the compilation of the method's C code took, [s]
     status: int = 0  # see :attr:`Trajectory.status`
-    reason: str = ""  # reason of a failure
+    reason: str = ""  # reason of a failure or an early stop
     seconds: float = 0.0  # time in C, [s]
-    is_waiting: bool = True  # whether the job has not ended
+    is_waiting: bool = True  # whether the job can take further steps
 
     def take_steps(self, n: int) -> None:
-        """Take the first n steps; :attr:`Job.z` then holds the point reached."""
+        """Take the first n steps; :attr:`Job.z` is then the point reached."""
         self._advance(until=n)
         self.job.sync_state()
 
@@ -175,18 +175,18 @@ class Attempt:
         self._release()
 
     def finish(self, successor: MethodSwitch | None = None) -> Trajectory:
-        """Integrate to the end; if the problem becomes stiff, ``successor`` may take over."""
+        """Integrate to the end; if the problem becomes stiff, ``successor`` may continue."""
         other = self._run(successor)
         if self.status == FAILED and self.is_extended and not self._is_at_fold():
-            # If the integration of algebraic unknowns fails, solving for them at each evaluation
-            # may succeed. At a fold, however, the run would continue with another solution.
+            # If the integration of algebraic unknowns fails, a method that solves for them at each
+            # evaluation may succeed. At a fold, however, it would continue with another solution.
             taken = self.problem.steps_taken + int(self.job.job.n_steps)
             self.problem = problem = changed(self.problem, steps_taken=taken)
             idle = _idle(self.row, problem, is_extended=False)
             self.job = idle or Job(self.job.engine, self.row, problem)
             self.status, self.reason, self.is_waiting = 0, "", True
             other = self._run(successor)
-        # The trajectory of the successor is complete, including its message.
+        # The trajectory of the successor contains the whole run and its message.
         if other is not None:
             return with_compile_time(other, other.statistics.compile_seconds + self.compiling)
         note = successor.note if successor is not None else stiffness_note(self.job.job)
@@ -195,7 +195,7 @@ class Attempt:
         return trajectory
 
     def _run(self, successor: MethodSwitch | None) -> Trajectory | None:
-        """Advance the job to its end; return the trajectory of a successor that takes over."""
+        """Advance the job to its end; return the trajectory of a successor if it took over."""
         job = self.job
         try:
             if successor is not None:
@@ -206,7 +206,7 @@ class Attempt:
                 trajectory = successor.take_over(self.problem, self._trajectory(), job)
                 if trajectory is not None:
                     return trajectory
-                # Eigenvalues take time: the next test follows after twice as many steps.
+                # Eigenvalues take time, so the next test follows after twice as many steps.
                 job.pause_if_stiff(2 * int(job.job.n_steps))
                 self._advance()
             return None
@@ -214,7 +214,7 @@ class Attempt:
             job.end()
 
     def _trajectory(self, note: str = "", compile_seconds: float = 0.0) -> Trajectory:
-        """Return the stored points, with the last valid point if the job failed."""
+        """Return the stored points; if the job stopped early, also the last valid point."""
         job, problem, method, c = self.job, self.problem, self.row.name, self.job.job
         t, z = job.rows.stored(job.z, is_cut=self.status != 0 or bool(self.reason))
         work = {
@@ -258,7 +258,7 @@ class Attempt:
             self.problem.shared.release(self.job)
 
     def _advance(self, until: int | None = None) -> None:
-        """Advance the job to its end or, if given, by ``until`` steps."""
+        """Advance the job to its end, or until ``until`` steps have been taken."""
         with Progress(self.row.name, self.problem.settings.t_span) as progress:
             begin = time.perf_counter() - self.seconds
             self.status, self.reason, self.is_waiting = self._steps(begin, progress, until)
@@ -272,7 +272,7 @@ class Attempt:
         settings, others = problem.settings, problem.steps_taken
         limit, time_limit = settings.max_steps, settings.time_limit
         begin -= problem.seconds_taken
-        # If a step calls Python functions, it may be slow.
+        # Steps that call Python functions may be slow, so the first call takes a single step.
         steps = 1 if problem.functions else _FIRST_STEPS
         while True:
             before, taken = time.perf_counter(), job.job.n_steps
@@ -290,7 +290,7 @@ class Attempt:
             if result == _STIFF:
                 return 0, "", True
             if result == _STOPPED:
-                assert problem.events is not None  # only events stop a job
+                assert problem.events is not None  # only terminal events stop a job
                 name = problem.events.event_rows[job.job.event].name
                 return 0, f"event '{name}' ends the run", False
             if result != _MORE:
@@ -299,13 +299,13 @@ class Attempt:
             has_records = problem.events is not None
             if has_records and 0 < job.job.most_events <= job.job.n_records:
                 return BUDGET_SPENT, events_spent(job.job.most_events), False
-            # The limit is checked after events, which end a run in any case.
+            # The limit of steps is checked last, because a terminal event ends the run in any case.
             if limit is not None and others + job.job.n_steps >= limit:
                 return BUDGET_SPENT, steps_spent(limit), False
             if time_limit is not None and now - begin > time_limit:
                 return BUDGET_SPENT, time_spent(time_limit), False
-            # The next call takes about a tenth of a second, so that Ctrl-C and the time limit take
-            # effect quickly, and the overhead of calls is small.
+            # The next call should take about a tenth of a second: Ctrl-C and the time limit then
+            # take effect quickly, and the overhead of calls is small.
             rest = _GLANCE if time_limit is None else time_limit - (now - begin)
             rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
             steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
@@ -341,10 +341,10 @@ def engine_of(stepper: str, problem: Problem) -> Engine | str:
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
-    """Return the ``cotree_newton`` of an implicit method, None, or the reason why that fails."""
+    """Return the ``cotree_newton`` of an implicit method, or the reason why it cannot be built."""
     if row.family != "cotree" or not row.implicit:
         return None
-    assert problem.native is not None  # otherwise the method is rejected
+    assert problem.native is not None  # other problems have been rejected before
     return problem.native.newton() or "no compiler can build what it needs of the model"
 
 
@@ -355,7 +355,7 @@ def band_refusal(job: Job, problem: Problem) -> str:
 
 
 def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
-    """Begin a run in an idle job of an earlier run, and return the job; None if there is none."""
+    """Take an idle job of an earlier run, and begin this run in it; None if no job is idle."""
     if problem.shared is None:
         return None
     job = problem.shared.acquire(job_kind(row, problem, is_extended=is_extended))

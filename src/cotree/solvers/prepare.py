@@ -1,4 +1,4 @@
-"""Preparation of runs, most of which is shared by runs with the same settings."""
+"""Preparation of runs: data that runs with the same settings share, and problems of runs."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ def cached_for(kept: RecentCache[_T], given: Mapping[str, Any], make: Callable[[
     return make() if key is None else kept.of(key, make)
 
 
-# Maximum number of values in settings that are cached; with more, preparation is quick.
+# Settings with more numbers are not cached, because comparing them takes too long.
 _MOST_NUMBERS = 10_000
 
-# Arrays up to this size are compared by value.
+# Arrays up to this size are compared as lists of numbers, which is faster.
 _FEW_NUMBERS = 4
 
-# Types of immutable values.
+# Types of values that are compared by value.
 _PLAIN = frozenset((float, int, str, bool, type(None)))
 
 # Types of functions; these are compared by identity.
@@ -89,7 +89,7 @@ def _tokens(values: Collection[Any]) -> Hashable:
     """Return a key that is equal for collections with equal values of the same types."""
     if len(values) > _MOST_NUMBERS:
         raise _IncomparableError
-    # Zeros are compared as text, since 0.0 and -0.0 are equal but must be distinguished.
+    # Zeros are compared as text, because 0.0 and -0.0 are equal but have different effects.
     own = [(x or str(x)) if type(x) in _PLAIN else _token(x) for x in values]
     return tuple(map(type, own)), tuple(own)
 
@@ -111,7 +111,7 @@ def _token(value: Any) -> Hashable:
     if callable(value):
         return value if isinstance(value, _FUNCTIONS) else _Same(value)
     plain = in_python(value)
-    if isinstance(plain, Number):  # includes fractions and decimals
+    if isinstance(plain, Number):  # Number includes fractions and decimals
         return plain or str(plain)
     if plain is value:
         raise _IncomparableError
@@ -145,7 +145,7 @@ class Preparation:
         self.model, self.settings, self.units = model, settings, layout.units
         self._signals = read_signals(settings.inputs, model.inputs)
         _check_replaced(model, settings.inputs)
-        # Constraints include quaternion norms.
+        # The constraints include the norms of quaternions.
         self._is_held = settings.project and bool(layout.constraints)
         sizes = parameter_sizes(model, settings.scales)
         self._size_of = sizes if any(isinstance(of, int) for of in sizes) else []
@@ -156,7 +156,7 @@ class Preparation:
             place not in self._signals.tables for place in self._signals.by_position
         )
         n, m = len(model.states), len(model.sensitivities)
-        # Each run replaces the functions and numbers of the template.
+        # Each run replaces the functions, and the values that depend on parameters.
         self._template = Problem(
             rhs=_nothing,
             jacobian=None,
@@ -177,12 +177,12 @@ class Preparation:
             **_replaced_inputs(self._signals),
         )
         self._has_sparse = _has_sparse_jacobian(model)
-        # Start of all runs without given initial values, if it does not depend on parameters.
+        # Start of all runs without given initial values, unless it depends on parameters.
         self._start: Start | None = None
         self._has_constant_start = model.has_constant_start and not self.asks_python
 
     def run(self, parameters: Any, initial: Mapping[str, float]) -> Problem:
-        """Return the problem of one run, with values that replace the scene's."""
+        """Return the problem of one run with the given parameters and initial values."""
         model, t_span = self.model, self.settings.t_span
         initial = check_mapping(initial, "initial") if initial else {}
         p = model.parameter_array(parameters)
@@ -197,7 +197,7 @@ class Preparation:
         at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
         start, reach = self._found_start(at, initial), None
         if samples:
-            # The start depends on the first samples, which are taken at a start without them.
+            # The first samples depend on the start, and the start on the samples.
             reach = reaching(model, p, samples, u)
             reach(t_span[0], start.z)
             at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
@@ -210,7 +210,7 @@ class Preparation:
             "u": u,
             "note": start.note,
             "native": model.native(p),
-            # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, as one system.
+            # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, form one system.
             "rhs": bound.augmented_rates if model.sensitivities else bound.rates,
             "jacobian": bound.jacobian,
             "held": bound if self._is_held else None,
@@ -238,12 +238,12 @@ class Preparation:
         return filled(Problem, values)
 
     def bound(self, p: FloatArray) -> BoundModel | None:
-        """Return the model with parameters p if it has constraints onto which runs project."""
+        """Return the model with parameters p if its runs project onto constraints, else None."""
         u = _input_function(self.model, p, self._signals)
         return BoundModel(self.model, p, u) if self._is_held else None
 
     def _found_start(self, at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
-        """Return the start of a run, which is computed once if it is the same for all runs."""
+        """Return the start of a run, which is computed only once if it is the same for all runs."""
         if initial or not self._has_constant_start:
             return find_start(at, initial)
         found = self._start
@@ -257,7 +257,7 @@ class Preparation:
         return np.array(sizes)
 
     def _restarts(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-        """Return the fields of a problem on breakpoints, which depend on parameters."""
+        """Return the fields of a problem that describe breakpoints, which depend on parameters."""
         settings, scale, begun = self.settings, self._template.scale, time.perf_counter()
         restarts = self.model.restart_times(
             p, settings.t_span, settings.inputs, signals.breakpoints, settings.time_limit
@@ -272,20 +272,20 @@ class Preparation:
 
 
 def _nothing(t: float, z: FloatArray) -> FloatArray:
-    """Raise AssertionError: the rates of the template, which each run replaces."""
+    """Raise AssertionError: each run must replace the rates of the template."""
     raise AssertionError
 
 
 def places_of(model: CompiledModel) -> npt.NDArray[np.intp] | None:
-    """Return the indices in z of entries that are not identically zero; None if these are all."""
+    """Return the indices in z of entries that are not identically zero; None if all may vary."""
     n, m = len(model.states), len(model.sensitivities)
     places = np.array(model.layout.sensitivity_places, dtype=np.intp)
-    # In z, the n states precede the sensitivities.
+    # In z, the sensitivities follow the n states.
     return None if len(places) == n * m else np.concatenate([np.arange(n), n + places])
 
 
 def n_observed(model: CompiledModel) -> int:
-    """Return the number of values at a stored point besides states and sensitivities."""
+    """Return the number of stored values per point, without states and sensitivities."""
     n_outputs = len(model.outputs) * (1 + len(model.sensitivities))
     return n_outputs + len(model.inputs) + len(model.constraints) + model.layout.n_algebraic
 
@@ -293,7 +293,7 @@ def n_observed(model: CompiledModel) -> int:
 def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[float | int]:
     """Return the size of each sensitivity parameter: a number, or the index of a parameter.
 
-    An index means the value of that parameter, or one if it is zero. Initial values have size one.
+    An index stands for the parameter's value, or one if this is zero. Initial values have size one.
     """
     places = {name: i for i, name in enumerate(model.parameters)}
     found: list[float | int] = [places.get(name, 1.0) for name in model.sensitivities]
@@ -306,9 +306,9 @@ def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[fl
 
 
 def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
-    """Raise ParameterError if sensitivities depend on the scene's input that is replaced."""
+    """Raise ParameterError if sensitivities depend on an input of the scene that is replaced."""
     for name, value in inputs.items():
-        # If both inputs are constant, their rates agree.
+        # If both inputs are constant, their rates are zero, as the sensitivities assume.
         is_alike = isinstance(value, Real) and name in model.traits.constant_inputs
         if model.sensitivities and name in model.layout.event_inputs and not is_alike:
             raise ParameterError(
@@ -326,27 +326,27 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
 
 
 def _input_function(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> Inputs:
-    """Return the inputs as a function of time, whose value is None for the model's own inputs."""
+    """Return the inputs as a function of time, which returns None for the model's own inputs."""
     if not model.inputs:
         return lambda t: _NONE
     if not signals.by_position:
         return lambda t: None
     own = model.bound("inputs", p)
-    # Copied, since the scene's inputs are a buffer of the kernel.
+    # The kernel returns a buffer that its next call overwrites, hence the copy.
     return lambda t: signals.apply(t, own(t, _NONE, _NONE, _NONE).copy())
 
 
 def _has_sparse_jacobian(model: CompiledModel) -> bool:
     """Return whether the Jacobian is large and has few entries."""
     n = len(model.states)
-    # Elimination of algebraic unknowns fills the Jacobian.
+    # The elimination of algebraic unknowns fills the Jacobian.
     if model.layout.n_algebraic or n <= DENSE_LIMIT:
         return False
-    # Matrices with many entries fill in, and dense factorisation is then faster.
+    # Factors of matrices with many entries are almost full, so dense factorisation is faster.
     return len(model.layout.row_indices) <= _LARGEST_SHARE * n * n
 
 
 def _replaced_inputs(signals: ReplacedInputs) -> dict[str, Any]:
-    # C evaluates tables itself, but must call Python functions.
+    # C evaluates tables itself, but calls Python functions.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     return {"replaced": signals.tables, "functions": others}

@@ -1,11 +1,11 @@
-"""The initial value problem that every solver takes, and its checks before integration.
+"""The initial value problem that every solver integrates, and its checks.
 
 The vector z = [y, s_1, ..., s_np] contains the states y, then their sensitivities to each
-parameter. Each of its blocks of ``n_states`` entries has the same state Jacobian.
+parameter. All blocks of ``n_states`` entries have the same state Jacobian.
 
 At a breakpoint whose time t* depends on the parameters, rates may jump from f- to f+. The states
-are continuous there, but their sensitivities jump by ``(f- - f+) dt*/dp``, since a later breakpoint
-prolongs the action of f- at the expense of f+.
+are continuous there, but their sensitivities jump by ``(f- - f+) dt*/dp``, because a later
+breakpoint prolongs the effect of f- and shortens that of f+.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ DENSE_LIMIT = 100
 #: Minimum relative tolerance, as in SciPy; below it the error test measures only rounding errors.
 RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
 
-#: Absolute tolerance of sensitivities outside the error test. With infinity, norms of LSODA and
-#: SUNDIALS would be 0 * inf; the square of this number is finite.
+#: Absolute tolerance of sensitivities outside the error test. It is finite, and so is its square,
+#: because the norms of LSODA and SUNDIALS would compute 0 * inf.
 UNTESTED = 1e100
 
 
@@ -53,75 +53,75 @@ class Problem:
     """An initial value problem M z' = rhs(t, z) in states and sensitivities.
 
     M is the identity except in rows of algebraic unknowns, which are determined by rhs = 0. z has
-    shape (n_states * (1 + n_sensitivities),). Reasons have no capital and no full stop.
+    shape (n_states * (1 + n_sensitivities),). Reasons are clauses without capital and full stop.
     """
 
-    #: Receives a contiguous array, and may return the same buffer at every call.
+    #: The argument is a contiguous array; the function may return the same buffer at every call.
     rhs: Callable[[float, FloatArray], FloatArray]
     #: Dense state Jacobian at (t, y), shape (n_states, n_states).
     jacobian: Callable[[float, FloatArray], FloatArray] | None
     n_states: int
     n_sensitivities: int
     z0: FloatArray
-    #: Solvers read span, requested times, tolerances and limits from here, the rest from the fields
-    #: below. An rtol below ``RTOL_FLOOR`` is raised to it.
+    #: Solvers read span, requested times, tolerances and limits from the settings, and all else
+    #: from the fields below. An rtol below ``RTOL_FLOOR`` is raised to it.
     settings: Settings
-    #: Factors of the absolute tolerances of states, (n_states,). That of a storage content is its
-    #: change per unit of the variable that follows from it.
+    #: Factors of the absolute tolerances of states, (n_states,). The factor of a storage content is
+    #: its derivative with respect to the variable that it determines.
     sizes: FloatArray | None = None
-    #: Sizes of the parameters, (n_sensitivities,), by which absolute tolerances of sensitivities
-    #: are divided: the effect of a change by this size is then tested as the states are.
+    #: Sizes of the parameters, (n_sensitivities,). Absolute tolerances of sensitivities are divided
+    #: by them: the effect of a parameter change by this size is tested like a state.
     scales: FloatArray | None = None
-    #: Times of jumps and kinks of the right-hand side, [s], at which integration restarts. If an
-    #: end of the span is one of them, nothing beyond it is evaluated.
+    #: Times of jumps and kinks of the right-hand side, [s], at which integration restarts. Rates
+    #: beyond a breakpoint at an end of the span are never evaluated.
     breakpoints: Sequence[float] | FloatArray = ()
-    #: The largest time, [s], that breakpoints are computed from: determines their rounding error.
+    #: Largest time, [s], from which breakpoints are computed; it determines their rounding error.
     scale: float = 0.0
-    #: Derivatives of the breakpoints and of the start time by the sensitivity parameters.
+    #: Derivatives of the breakpoints and of the start time with respect to the parameters.
     shifts: RestartTimes = field(default_factory=RestartTimes.none)
     names: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     max_step: float = float("inf")
-    #: Steps taken by other runs, and time to list breakpoints, [s], which count towards the limits.
+    #: Steps of earlier integrations, and time to compute breakpoints, [s]; the limits include them.
     steps_taken: int = 0
     seconds_taken: float = 0.0
-    #: The model with the constraints onto which C projects.
+    #: The model if C projects the states onto its constraints.
     held: BoundModel | None = None
     constraints: tuple[str, ...] = ()
-    #: Edges whose constraints are nearly dependent at (t, z); None if no edges are constrained.
+    #: Edges whose constraints are nearly dependent at (t, z); None if no edge has constraints.
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
     #: Number of algebraic unknowns, which are the last states. Their initial values may be guesses.
     n_algebraic: int = 0
     #: The first ``n_states`` entries of rhs at (t, y); if it is None, rhs is used.
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
-    #: The reason why rates are undefined at (t, y), or an empty string.
+    #: Reason why rates are undefined at (t, y), or an empty string.
     undefined: Callable[[float, FloatArray], str] | None = None
-    #: The state Jacobian with the same pattern at all points; None if it has many entries.
+    #: State Jacobian, with the same pattern at all points; None if it has many entries.
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
     native: NativeModel | None = None
-    #: The inputs at time t, (n_inputs,), or None for the model's own.
+    #: Inputs at time t, (n_inputs,), or None to use the inputs of the model.
     u: Callable[[float], FloatArray | None] = lambda t: None
-    #: Inputs replaced by tables (times, values), and inputs that are Python functions, by index.
+    #: By index, inputs replaced by tables (times, values), and inputs that are Python functions.
     replaced: Mapping[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     functions: Mapping[int, Callable[[float], float]] = field(default_factory=dict)
-    #: A sentence on the start, which the message of the run contains.
+    #: Remark on the start for the message of the run.
     note: str = ""
     not_native: str = "its equations are Python functions"
-    #: The model with its events, which only C methods locate; time must increase.
+    #: The model if it has events. Only C methods locate these, and time must increase.
     events: BoundModel | None = None
     #: Whether the rates have kinks at which C methods restart if time increases.
     has_kinks: bool = False
-    #: Ascending indices in z of the integrated entries; all others are identically zero.
+    #: Ascending indices in z of the integrated entries; all other entries are identically zero.
     places: npt.NDArray[np.intp] | None = None
-    #: Number of values at a stored point besides z, for the limit of memory.
+    #: Number of values at a stored point in addition to z, for the limit of memory.
     n_observed: int = 0
-    #: Called with (t, z) at the start of each segment between breakpoints; may change inputs.
+    #: Called with (t, z) at the start of each segment between breakpoints; it may change inputs.
     reach: Callable[[float, FloatArray], None] | None = None
-    #: Jobs and results of other runs of the same model with the same settings.
+    #: Jobs and results that runs of the same model with the same settings share.
     shared: Shared | None = None
 
     def with_settings(self, **values: Any) -> Problem:
-        """Return the problem with the given settings changed; they are not checked."""
+        """Return the problem with changed settings; these are not checked."""
         return changed(self, settings=changed(self.settings, **values))
 
     @property
@@ -148,7 +148,7 @@ class Problem:
 
     @property
     def is_sparse(self) -> bool:
-        """Whether methods iterate with a sparse Jacobian, which sensitivities prevent."""
+        """Whether implicit methods use a sparse Jacobian; problems with sensitivities never do."""
         return self.sparse_jacobian is not None and self.n_sensitivities == 0
 
     @property
@@ -162,13 +162,13 @@ class Tolerances:
     """Tolerances of the entries of z, for problems that differ only in parameter values.
 
     Absolute tolerances of sensitivities are those of the states divided by the parameter sizes, as
-    in CVODES (Hindmarsh et al. 2005): the rounding error of a sensitivity of 1e7 V/F to a
-    capacitance of 1e-12 F exceeds the tolerance of a voltage.
+    in CVODES (Hindmarsh et al. 2005). For example, a voltage has a sensitivity of 1e7 V/F to a
+    capacitance of 1e-12 F, and its rounding error exceeds the tolerance of the voltage.
 
     Solvers cannot exclude entries from the error test, so untested sensitivities have a tolerance
-    that no error reaches. Since solvers average squares over all entries, the tolerances of states
-    are then divided by sqrt(number of entries / number of states). LSODA uses the maximum, so it
-    becomes stricter by that factor. Sizes may have a row for each of several problems.
+    that no error reaches. Because solvers average squares over all entries, the tolerances of
+    states are then divided by sqrt(number of entries / number of states). LSODA uses the maximum
+    norm, so its test becomes stricter by this factor. Sizes may have one row per problem.
     """
 
     def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
@@ -193,7 +193,7 @@ class Tolerances:
             return np.where(self._block > 0, UNTESTED, atol / self._share)
         if scales is None:
             scales = np.ones(problem.n_sensitivities)
-        # Tolerances of states are divided by one.
+        # Column 0 belongs to the states, whose tolerances are not changed.
         divisors = np.empty((*scales.shape[:-1], 1 + scales.shape[-1]))
         divisors[..., 0], divisors[..., 1:] = 1.0, scales
         found: FloatArray = atol / divisors.take(self._block, axis=-1)
@@ -234,7 +234,7 @@ def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.ND
 
 
 def as_tested(row: Method, problem: Problem) -> Problem:
-    """Return the problem with tolerances for sensitivities if SUNDIALS itself can exclude them."""
+    """Return the problem with finite tolerances of sensitivities if SUNDIALS can exclude them."""
     return problem.with_settings(error_test_sensitivities=True) if row.corrector else problem
 
 
@@ -264,7 +264,7 @@ def check_values(problem: Problem) -> None:
         raise SolveError("A breakpoint is not finite; give times in seconds.")
     if not problem.max_step > 0:  # from the settings or the model; nan is rejected, too
         raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
-    # A dot product detects nan and infinity in one pass, but squares may also overflow.
+    # The dot product is not finite if an entry is nan or infinite, but it may also overflow.
     if math.isfinite(problem.z0.dot(problem.z0)) or np.isfinite(problem.z0).all():
         return
     index = int(np.flatnonzero(~np.isfinite(problem.z0))[0])
@@ -288,7 +288,7 @@ def _check_sizes(problem: Problem) -> None:
         raise SolveError(
             f"{problem.n_algebraic} of {problem.n_states} states cannot be algebraic unknowns."
         )
-    # Newton's method for the unknowns uses a block of the Jacobian.
+    # Newton's method for the unknowns uses the last rows and columns of the Jacobian.
     if problem.n_algebraic and problem.jacobian is None:
         raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
 
@@ -314,7 +314,7 @@ def segments(problem: Problem) -> list[tuple[float, float]]:
 
 def turn_tolerances(problem: Problem) -> FloatArray:
     """Return the absolute tolerance of the sensitivities to each parameter, shape (..., m)."""
-    # The least tolerance of states is divided by the parameter size, as in the error test.
+    # As in the error test, the least tolerance of states is divided by the parameter size.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
     scales = np.ones(problem.n_sensitivities) if problem.scales is None else problem.scales
     found: FloatArray = least / scales
@@ -336,7 +336,7 @@ def turning(problem: Problem, t: float, entry: int) -> str:
     )
 
 
-# Maximum number of states with which algebraic unknowns are eliminated, which fills the Jacobian.
+# Maximum number of states for the elimination of algebraic unknowns, which fills the Jacobian.
 _MOST_REDUCED = 2000
 
 

@@ -1,6 +1,6 @@
 """Results of a simulation by name, and the trajectory that every solver returns.
 
-Figures are made in :mod:`cotree.results`.
+:mod:`cotree.results` adds figures.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class UnknownNameError(ModelError, KeyError):
     """Raised if a result does not contain a name."""
 
     def __str__(self) -> str:
-        """Return the sentence without the quotes that KeyError would add."""
+        """Return the message without the quotes that KeyError would add."""
         return str(self.args[0]) if self.args else ""
 
 
 @dataclass(frozen=True, eq=False)
 class EventTimes:
-    """The times of an event in a simulation, and the states before and after each.
+    """The times of an event in a simulation, and the states before and after each occurrence.
 
     Attributes
     ----------
@@ -57,10 +57,10 @@ _PENDING = "_pending"
 
 
 def deferred(**makes: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
-    """Return an item for a record's values, with which fields are computed on first use.
+    """Return an item for a record's ``__dict__`` that defers the computation of fields.
 
-    ``makes`` has, for each such field, a function that returns this field and all that are computed
-    with it. Threads may call it concurrently.
+    ``makes`` contains one function per field, which returns the field and all fields that are
+    computed together. Several threads may call it at the same time.
     """
     return {_PENDING: makes}
 
@@ -132,11 +132,11 @@ class RunRecord(Reported):
     parameter_values: Mapping[str, float] = field(default_factory=dict)
     positions: tuple[PositionRow, ...] = ()
 
-    # Hidden from type checkers, so that they report unknown attributes.
+    # Type checkers do not see this method, so they report unknown attributes.
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Compute a deferred field, and those that are computed with it."""
+            """Compute a deferred field, and the fields that the same function returns."""
             own = vars(self)
             pending = own.get(_PENDING, {})
             make = pending.get(name)
@@ -144,14 +144,14 @@ class RunRecord(Reported):
                 made = make()
                 for key, value in made.items():
                     own.setdefault(key, value)  # if two threads compute it, the first value is kept
-                # The dict is replaced, since records made by `changed` share it.
+                # A new dict is stored, because records copied by `changed` share the old one.
                 own[_PENDING] = {key: row for key, row in pending.items() if key not in made}
             if name in own:  # another thread may have computed it in the meantime
                 return own[name]
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all values, since the functions of deferred fields cannot be pickled."""
+        """Return all values: the functions of deferred fields cannot be pickled."""
         own = vars(self)
         for name in own.get(_PENDING, ()):
             getattr(self, name)
@@ -166,7 +166,7 @@ class RunRecord(Reported):
         return self.status == 0
 
     def __contains__(self, name: object) -> bool:
-        """Return whether a name is "t" or that of a state, position, output or input."""
+        """Return whether a name is "t" or the name of a state, position, output or input."""
         return name == "t" or name in (*self._known, *self.inputs)
 
     @property
@@ -195,7 +195,7 @@ class RunRecord(Reported):
         is no such variable, or the sensitivities to this parameter were not requested.
         """
         column = self._column(parameter)
-        # Sensitivities of inputs are not stored.
+        # Inputs are not in the groups, because they have no sensitivities.
         for names, values in self._groups(("s", "output_sensitivities")):
             if name in names:
                 row: FloatArray = values[names.index(name), column]
@@ -236,8 +236,8 @@ class RunRecord(Reported):
     def columns(self) -> dict[str, FloatArray]:
         """Return all columns of a table by their titles.
 
-        These are t, the states, positions, outputs and inputs, then "d(name)/d(parameter)" for all
-        except inputs, each of shape (n_t,).
+        The columns are t, states, positions, outputs and inputs, then sensitivities with titles
+        "d(name)/d(parameter)". Each has shape (n_t,).
         """
         table = {"t": self.t}
         for names, values in self._groups():
@@ -313,8 +313,8 @@ class RunRecord(Reported):
     def _groups(
         self, fields: Sequence[str] = ("y", "output_values", "input_values")
     ) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
-        """Pair names with values, or sensitivities, of states, positions, outputs and inputs."""
-        # This is a generator, so that outputs are evaluated only when needed.
+        """Yield names and values, or sensitivities, of states, positions, outputs and inputs."""
+        # A generator evaluates outputs only when they are needed.
         of_states = getattr(self, fields[0])
         yield self.states, of_states
         if self.positions:
@@ -325,7 +325,7 @@ class RunRecord(Reported):
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence, which proposes the nearest known name."""
+    """Return the end of a message, which suggests the most similar known name."""
     hint = nearest(name, known)
     return hint if hint.endswith("?") else f"{hint}."
 
@@ -392,26 +392,26 @@ class Drift:
         return float(np.max(np.abs(self.residual), initial=0.0))
 
 
-# Values of ``Trajectory.status``.
+# Values of ``Trajectory.status`` for failures and reached limits.
 FAILED, BUDGET_SPENT = -1, -2
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The result of an integration, complete or not."""
+    """The result of an integration, which may have stopped early."""
 
-    #: Times, [s]. After a failure, the last one is that of the last valid point.
+    #: Times, [s]. After a failure, the last one belongs to the last valid point.
     t: FloatArray
-    z: FloatArray  # states and sensitivities at the times
+    z: FloatArray  # states and sensitivities at these times
     status: int  # 0: success, -1: the integration failed, -2: a limit was reached
-    message: str  # one or two sentences on the end of the run
+    message: str  # message on the end of the run
     statistics: Statistics  # numbers of steps, evaluations and factorisations
     #: Residuals of the constraints along the run; None without constraints.
     drift: Drift | None = None
     #: One row for each event that occurred: time, [s], index of the event, derivatives of the time
-    #: by the parameters, states before, and states after.
+    #: with respect to the parameters, states before, and states after.
     events: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    #: Whether the run failed because equations could not be solved with any step size.
+    #: Whether the run failed because the equations could not be solved with any step size.
     is_unsolved: bool = False
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Measured(Mapping[str, float]):
-    """Mapping from names to states and outputs, which a sampled function receives."""
+    """Mapping from names to the states and outputs that a sampled function receives."""
 
     def __init__(self, y: FloatArray, model: CompiledModel, outputs: Callable[[], FloatArray]):
         self._y, self._model, self._outputs = y, model, outputs
@@ -48,9 +48,9 @@ class Measured(Mapping[str, float]):
 
 
 class Samples:
-    """The samples of one input during a run, each computed once, so that repeated steps agree.
+    """The samples of one input in a run; each is computed once, so that repeated steps agree.
 
-    C reads the current value from ``held``, shape (1,).
+    ``held``, shape (1,), contains the current sample, which C reads.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Samples:
         self._values: list[float] = []
 
     def __call__(self, t: float) -> float:
-        """Return the value just before time t."""
+        """Return the last sample before time t."""
         place = max(bisect_left(self.times, t) - 1, 0)
         return self._values[min(place, len(self._values) - 1)] if self._values else self._before
 

@@ -1,7 +1,7 @@
-"""SciPy's methods: ``scipy.integrate.solve_ivp`` from one breakpoint to the next.
+"""SciPy's methods: ``scipy.integrate.solve_ivp`` is called between breakpoints.
 
-LSODA would fail if all rates are zero at the start and grow soon after, as in a stiff circuit with
-a sine source: its own first step is far too long, and it shortens a step only a few times.
+LSODA receives a first step. Its default is far too long if all rates are zero at the start and grow
+soon after, as in a stiff circuit with a sine source, and it shortens a step only a few times.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def first_step(
     rtol, atol = tolerances
     weights = 1.0 / (atol + rtol * np.abs(z))
     rates = rates_at(t, z)
-    # d0, d1 and h0 of the reference: norms of values and rates relative to tolerances, and a step
-    # that changes the values by one percent.
+    # d0, d1 and h0 of the reference: norms of values and rates relative to the tolerances, and a
+    # step that changes the values by one percent.
     size, slope = _norm(z * weights), _norm(rates * weights)
-    # Shorter steps would be rounding errors of t.
+    # Shorter steps would be lost in the rounding of t.
     least = 4.0 * float(np.spacing(max(abs(t), abs(t_end))))
     trial = 1e-6 if min(size, slope) < 1e-5 else _SHARE * size / slope
     trial = min(max(trial, least), longest)
@@ -71,10 +71,10 @@ def _norm(scaled: FloatArray) -> float:
 
 _one_at_a_time = threading.RLock()
 
-# Number of evaluations with nan rates, after which methods shorten their step, that ends a run.
+# A run ends after this number of evaluations with nan rates, after which methods shorten a step.
 _MOST_IGNORED = 1000
 
-# Largest rounding error of the time of a stored step, as a share of the time since the last.
+# Maximum rounding error of the time of a stored step, relative to the time since the last one.
 _FINE = 1e-2
 
 #: Message if a method such as Radau damps a growing mode, which its error estimate cannot detect.
@@ -92,10 +92,10 @@ def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
         )
     from scipy.integrate import _ode
 
-    # In older versions of SciPy, LSODA is Fortran code with common blocks.
+    # In older versions of SciPy, LSODA is Fortran code with global variables.
     is_global = method == "LSODA" and hasattr(_ode.lsoda, "active_global_handle")
     lock: Any = _one_at_a_time if is_global else contextlib.nullcontext()
-    # SciPy's warnings are not needed, since this module reports values that are not finite.
+    # Warnings of SciPy are suppressed, because this module reports values that are not finite.
     with lock, np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
         return _Run(problem, method).trajectory()
 
@@ -125,7 +125,7 @@ class _Run:
                     self.stop = stop
                 if self.stop is not None:
                     break
-        # If stored steps are thinned out, the last one may be missing.
+        # The last step may not be stored if the stride exceeds 1.
         is_cut = self.stop is not None or self.thinning.stride > 1
         if is_cut and self.times[-1:] != [self.t]:
             self._store(self.t, self.z)
@@ -151,7 +151,7 @@ class _Run:
             self.problem.reach(start, self.z)
         self.evaluator.open_segment(start, end)
         limit = self.spent()
-        # SciPy's computation of the first step would not end if rates are not finite.
+        # SciPy's choice of the first step does not end if rates are not finite.
         if limit is None and not np.isfinite(self.evaluator.rhs(start, self.z)).all():
             limit = IntegrationStopError(FAILED, "the integrator cannot start")
         if limit is not None:
@@ -166,7 +166,7 @@ class _Run:
             span, z = (0.0, end - start), self.z[self.problem.integrated]
             found = scipy.integrate.solve_ivp(segment.rates, span, z, self.method, **options)
         except (RuntimeError, ValueError) as error:
-            # SuperLU and SciPy's checks raise these errors; others come from functions of the user.
+            # SuperLU and SciPy's checks raise these errors; functions of the user raise others.
             if not str(error).endswith(("exactly singular", "infs or NaNs")):
                 raise
             reason = "the iteration matrix is singular or not finite"
@@ -181,7 +181,7 @@ class _Run:
             self.stop = IntegrationStopError(FAILED, reason)
 
     def step_done(self, t: float, z: FloatArray, rounding: float) -> None:
-        """Count a step; if the run keeps all steps and ``rounding`` is small, store its end."""
+        """Count a step; if all steps are stored and ``rounding`` is small, store its end."""
         self.n_steps += 1
         self.t, self.z = t, z
         self.evaluator.step_done()
@@ -219,10 +219,10 @@ class _Run:
 
 
 class _Segment:
-    """Functions for ``solve_ivp`` between two breakpoints; the object is also its event function.
+    """Functions for ``solve_ivp`` between two breakpoints; the object is also an event function.
 
-    Time begins at zero, since the spacing of floating-point numbers near a large t would disturb
-    each step. Entries of z that are identically zero are omitted.
+    The time s begins at zero in each segment, because the rounding of a large t would disturb each
+    step. The vector w contains the entries of z that are not identically zero.
     """
 
     terminal = True
@@ -232,10 +232,10 @@ class _Segment:
         self._last = 0.0
         self._n_short = self._n_ignored = 0
         self._matrix: Any = None
-        self._w: FloatArray = np.zeros(0)  # end of the previous step
+        self._w: FloatArray = np.zeros(0)  # w at the end of the previous step
 
     def __call__(self, s: float, w: FloatArray) -> float:
-        """Record a step; return a value that changes its sign if the run has to stop."""
+        """Record a step; return a value that changes its sign if the run must stop."""
         run = self._run
         if run.stop is not None:  # SciPy locates the zero of this function
             return self._last - s
@@ -244,11 +244,11 @@ class _Segment:
             return 1.0
         if not np.isfinite(w).all():
             run.stop = IntegrationStopError(FAILED, "the solution is no longer finite")
-            return -1.0  # SciPy then ends at the previous step, the last valid one
+            return -1.0  # SciPy then ends at the previous step, which is the last valid one
         before, self._last = self._last, s
         is_end = s == self._end - self._start
         t, z = self._end if is_end else self._start + s, self.whole(w)
-        # The absolute time is rounded, so the values are extrapolated to it with the rates.
+        # The absolute time is rounded, so the rates extrapolate the values to the rounded time.
         rounding = 0.0 if is_end else (t - self._start) - s
         if rounding and run.problem.settings.t_eval is None:
             z += rounding * self.whole(self.rates(s, w))
@@ -263,7 +263,7 @@ class _Segment:
         self._n_short = self._n_short + 1 if is_short else 0
         if not is_short:
             run.evaluator.not_finite = ""
-        # LSODA would continue even with steps of a few units in the last place.
+        # LSODA does not stop by itself if its steps reach the spacing of floating-point times.
         if self._n_short >= LIMITS.stall_steps:
             run.stop = IntegrationStopError(FAILED, ROUNDING_LEVEL)
             return 0.0
@@ -273,9 +273,9 @@ class _Segment:
     def _is_turned(self, before: float, w: FloatArray) -> bool:
         """Return whether a step damps a fast growing mode.
 
-        With the residual r of the trapezoidal rule, the solution x of (I - h J / 2) x = r has the
-        sign of r for decaying modes; for a fast growing mode, it has the opposite sign and about
-        the same size.
+        Let r be the residual of the trapezoidal rule and x the solution of (I - h J / 2) x = r. For
+        decaying modes, x has the sign of r. For a fast growing mode, it has the opposite sign and
+        about the same size.
         """
         step = self._last - before
         # The residual is the step of the trapezoidal rule minus the actual step.
@@ -283,7 +283,7 @@ class _Segment:
         left = 0.5 * step * rates - (w - self._w)
         rtol, atol = augmented_tolerances(self._run.problem)
         weights = 1.0 / (atol + rtol * np.maximum(np.abs(w), np.abs(self._w)))
-        # The signs of residuals below the tolerance are arbitrary.
+        # Residuals below the tolerance have arbitrary signs.
         seen = np.abs(left * weights) > 1.0
         if not np.any(seen) or self._matrix is None:
             return False
@@ -320,7 +320,7 @@ class _Segment:
         found: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest}
         if METHODS[run.method].implicit:
             found["jac"] = self._jacobian
-        # The default first step is a fraction of the span if all rates are zero, and then fails.
+        # If all rates are zero, LSODA's default is a fraction of the span, with which it fails.
         if run.method == "LSODA":
             begin = 0.0, run.z[run.problem.integrated], self._end - self._start
             found["first_step"] = first_step(self.rates, *begin, longest, (rtol, atol))

@@ -1,4 +1,4 @@
-"""Choice of a method for a problem, and its integration."""
+"""Choice of a method for a problem, and integration with it."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
     from cotree.solvers.result import FloatArray, Trajectory
 
-# Number of time constants in the span above which a problem counts as stiff. DOP853 is stable up to
-# about |lambda| h = 6 with 12 evaluations a step. It then needs 4000 evaluations, as many as an
-# implicit method at usual tolerances.
+# A problem counts as stiff if the span exceeds this number of time constants. DOP853, with 12
+# evaluations per step, is stable up to about |lambda| h = 6. It then needs 4000 evaluations, as
+# many as an implicit method at usual tolerances.
 _STIFF_TIME_CONSTANTS = 2000.0
 
-# An explicit method is used if the fastest decay is at most this multiple of the fastest growth:
-# steps that resolve the growth are then hardly longer than stability permits.
+# An explicit method is used if the fastest decay is at most this multiple of the fastest growth,
+# because steps that resolve the growth are then nearly as short as stability requires.
 _MILD = 10.0
 
 # The C method for problems without states.
@@ -57,7 +57,7 @@ def run(problem: Problem, method: str) -> Trajectory:
     if method != "auto":
         return _solve(problem, method)
     before = time.perf_counter()
-    # The choice of a method takes steps with this engine, whose compilation is timed separately.
+    # The choice of a method takes steps with this engine; its compilation is timed separately.
     if not refusal("dop853", problem):
         engine_of("dop853", problem)
     compiling = time.perf_counter() - before
@@ -70,7 +70,7 @@ def run(problem: Problem, method: str) -> Trajectory:
 def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     """Repeat the run with "ida" if another method could not solve for algebraic unknowns.
 
-    "ida" solves for states and unknowns together, other methods for the unknowns at given states.
+    "ida" solves for states and unknowns together; other methods solve for unknowns at given states.
     """
     own = METHODS[first.statistics.method]
     if not (first.is_unsolved and problem.n_algebraic and own.family == "cotree"):
@@ -84,7 +84,7 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     is_spent = problem.settings.max_steps is not None and taken >= problem.settings.max_steps
     if is_spent or (limit is not None and limit <= 0) or not has_sundials():
         return first
-    # Samples of a sampled input belong to a single integration.
+    # Inputs are sampled in a single integration only.
     if refusal("ida", problem) or problem.reach is not None:
         return first
     second = _solve(changed(problem.with_settings(time_limit=limit), steps_taken=taken), "ida")
@@ -105,21 +105,21 @@ class MethodSwitch:
 
     #: Function ``solve(problem, method)`` that integrates with a named method.
     solve: Callable[[Problem, str], Trajectory]
-    #: Index of the first step tested for stiffness; the choice of the method covers earlier steps.
+    #: First step that is tested for stiffness; the choice of the method examined earlier steps.
     first_step: int = 0
-    note: str = ""  # sentence on the outcome; empty if no switch was attempted
+    note: str = ""  # remark on the outcome; empty if no switch was attempted
     _has_failed: bool = False
 
     def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
         """Continue a stiff problem from the last point of a job to the end of the span.
 
-        ``first`` contains the points stored so far. Returns the whole trajectory, or None if the
-        job has to continue.
+        ``first`` contains the points stored so far. Return the whole trajectory, or None if the job
+        must continue.
         """
         from cotree.solvers import stiffness
 
         c, method = job.job, first.statistics.method
-        # Copied, since the job may continue from this point.
+        # The job may continue from this point, so the new run gets a copy.
         t, z, since = float(c.t), job.z.copy(), float(c.stiff_since)
         if self._has_failed or not stiffness.is_confirmed(
             problem, t, z, float(c.last_step), method
@@ -162,7 +162,7 @@ def _solve(
     """Integrate a checked problem with a named method or its substitute."""
     row = method_row(method)
     if problem.n_states == problem.n_algebraic and row.family != "cotree":
-        # Without states, all C methods only solve for the unknowns at each output time.
+        # If all states are algebraic unknowns, every C method only solves for them at output times.
         attempt = begun or begin_in_c(problem, _STATIC)
         if not isinstance(attempt, str):
             return attempt.finish()
@@ -179,14 +179,14 @@ def _solve(
 
 
 def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
-    """Integrate with the substitute of a method that C cannot run; the message says why."""
+    """Integrate with the substitute of a method that C cannot run; the message gives the reason."""
     what, other, method = beyond_scipy(problem), row.instead, row.name
     if row.family == "correctors":
         raise SolveError(
             f"The method '{method}' cannot take this problem: {why}. "
             f"Use '{other}', which takes states and sensitivities as one vector."
         )
-    # Stages of Rosenbrock methods violate dependent constraints; other C methods satisfy them.
+    # The stages of Rosenbrock methods violate dependent constraints; other C methods do not.
     if what and problem.native is not None and other == "Radau":
         other = "cvode" if has_sundials() else "dopri5"
     elif what:
@@ -202,14 +202,14 @@ def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
 def choose_method(problem: Problem) -> tuple[str, str]:
     """Return a method and the reason for it, based on the fastest decay early in the run.
 
-    Strongly damped modes with time constants far below the span restrict explicit methods to steps
-    that are shorter than accuracy requires. Modes that oscillate faster than they decay do not
-    count, since accuracy requires short steps for them with any method. Stiffness that appears
-    later is detected by "dop853", see :mod:`cotree.solvers.stiffness`.
+    Strongly damped modes with time constants far below the span force explicit methods to take
+    steps that are shorter than accuracy requires. Modes that oscillate faster than they decay are
+    ignored, because every method needs short steps for them. If stiffness appears later, "dop853"
+    detects it; see :mod:`cotree.solvers.stiffness`.
 
-    Methods for stiff problems damp modes that grow from below the tolerance, which their error
-    estimates cannot detect. If there are such modes at the start, the choice is an explicit method
-    if possible; otherwise the reason mentions them.
+    Methods for stiff problems may damp a growing mode whose amplitude is below the tolerance; their
+    error estimates cannot detect this. If such a mode exists at the start, the result is an
+    explicit method if possible; otherwise the reason mentions the mode.
     """
     check_problem(problem)
     method, reason, begun = _choose(problem)
@@ -219,7 +219,7 @@ def choose_method(problem: Problem) -> tuple[str, str]:
 
 
 def _choose(problem: Problem) -> tuple[str, str, Attempt | None]:
-    """Return a method, the reason for it, and the integration if that has begun."""
+    """Return a method, the reason for it, and the integration if it has begun."""
     if problem.n_states == problem.n_algebraic:
         method = "DOP853" if refusal(_STATIC, problem) else _STATIC
         return method, "There are no states to integrate.", None
@@ -233,9 +233,9 @@ def _choose(problem: Problem) -> tuple[str, str, Attempt | None]:
 
 
 def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
-    """Choose the explicit method or one for stiff problems, and return it with the reason."""
+    """Return an explicit method or a method for stiff problems, and the reason for the choice."""
     span = abs(problem.settings.t_span[1] - problem.settings.t_span[0])
-    # The span in time constants of the fastest damped mode.
+    # The span, measured in time constants of the fastest damped mode.
     count = span * rates.decay
     most = "at most " if rates.is_bound else ""
     length = f"the span is {most}{float(f'{count:.2g}'):.6g} times the shortest decay"
@@ -246,8 +246,8 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
     method = stiff_method(problem)
     growth = rates.growth
-    # If a mode that grows from the tolerance remains below one in the whole span, an implicit
-    # method may damp it within the tolerance.
+    # If a mode that grows from the tolerance stays below one during the whole span, an implicit
+    # method may damp it.
     smallest = min(problem.settings.rtol, problem.settings.atol)
     if span * growth <= -math.log(max(smallest, float(np.finfo(np.float64).eps))):
         return method, f"{method} was chosen: stiff, {length}{_saving(problem, method)}."
@@ -264,7 +264,7 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
 
 def _saving(problem: Problem, method: str) -> str:
-    """Return a remark that rodas5 would take longer if this is why cvode was chosen, else empty."""
+    """Return a remark that rodas5 would take longer if cvode was chosen for this reason."""
     from cotree.solvers.stiffness import cost_of_rodas5
 
     cost = cost_of_rodas5(problem) if method == "cvode" else 0.0
@@ -274,8 +274,8 @@ def _saving(problem: Problem, method: str) -> str:
 class Rates(NamedTuple):
     """Rates of the modes on which the choice of a method depends, [1/s].
 
-    ``decay`` is the fastest at the start and after a few steps, or an upper bound that excludes
-    stiffness. The others are those at the start, computed only if ``decay`` indicates stiffness.
+    ``decay`` is the fastest decay at the start and after a few steps or, if ``is_bound``, an upper
+    bound. The other rates hold at the start, and are zero without stiffness.
     """
 
     decay: float
@@ -293,7 +293,7 @@ def _rates(problem: Problem, probe: Probe) -> Rates:
 
 
 class Probe:
-    """Mode rates at the start and a few steps later; ``begun`` if these are the run's own steps."""
+    """Mode rates at the start and a few steps later; ``begun`` if the run itself took the steps."""
 
     def __init__(self, problem: Problem, explicit: str) -> None:
         self._problem, self._explicit = problem, explicit
@@ -302,7 +302,7 @@ class Probe:
     def rates(self) -> Rates:
         """Compute the rates of the modes."""
         problem, explicit = self._problem, self._explicit
-        # With algebraic unknowns or sampled inputs, the steps cannot be those of the run.
+        # With algebraic unknowns or sampled inputs, separate steps are taken.
         if explicit != "dop853" or problem.reach is not None or problem.n_algebraic:
             return self._by_eigenvalues(_loose_steps(problem, explicit))
         start, first = (float(problem.settings.t_span[0]), problem.z0), None
@@ -350,9 +350,9 @@ class Probe:
 def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
     """Return an upper bound of the decay rates of modes at a point, [1/s]; infinite if unknown.
 
-    It is the Frobenius norm of the Jacobian, which bounds the magnitudes of all eigenvalues.
+    The bound is the Frobenius norm of the Jacobian, which no magnitude of an eigenvalue exceeds.
     """
-    # Eliminating unknowns is expensive, and the Jacobian large near dependent constraints.
+    # Eliminating unknowns is expensive, and the Jacobian is large near dependent constraints.
     if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:
         return math.inf
     y = z[: problem.n_states]
@@ -379,7 +379,7 @@ def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]
     """Return the start, and the end point of a few steps at a loose tolerance."""
     span = problem.settings.t_span
     if problem.reach is not None:
-        # These steps end at the first breakpoint, since only the run itself takes samples.
+        # The steps end at the first breakpoint, because only the run itself may take samples.
         start, end = restart_times(problem)[:2].tolist()
         span = start, end
     rtol = max(problem.settings.rtol, _PROBE_RTOL)

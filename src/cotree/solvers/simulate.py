@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 _SWEPT = ("output_values", "output_sensitivities", "input_values")
 
-# Size of trajectories, [byte], above which outputs are evaluated at once; otherwise on first use.
+# Outputs of trajectories above this size, [byte], are evaluated at once, others on first use.
 _MOST_COPIED = 2**18
 
 
@@ -61,7 +61,7 @@ def observed(
         values[1][left_out] = np.nan
         return dict(zip(_SWEPT, values, strict=True))
 
-    # Python functions may have internal state, so they are called now, in the order of the runs.
+    # Python functions may have an internal state, so they are called now, in the order of the runs.
     if preparation.asks_python or z.nbytes > _MOST_COPIED:
         return {**swept(), **deferred(**later)}
     t, z = t.copy(), z.copy()
@@ -77,7 +77,7 @@ def _event_times(model: CompiledModel, records: FloatArray) -> dict[str, EventTi
     n, m, found = len(model.states), len(model.sensitivities), {}
     for i, row in enumerate(model.layout.events):
         own = records[records[:, 1] == i]
-        # The shape is explicit, since empty arrays may lack these columns.
+        # The shape is explicit, because empty arrays may lack these columns.
         parts = own[:, 2:].reshape(len(own), m + 2 * n)
         slopes, before, after = np.split(parts, [m, m + n], axis=1)
         found[row.name] = EventTimes(own[:, 0].copy(), before.T, after.T, slopes.T)
@@ -100,7 +100,7 @@ def run_values(
     problem = preparation.run(parameters, initial)
     check_values(problem)
     warn_of_tolerances(problem)
-    # A complete run also counts as failed if t is too coarse or the constraints drift.
+    # A complete run also fails if the rounding of t or the drift of the constraints is too large.
     trajectory = check_time_resolution(problem, integrate(problem, settings.method))
     # The rank of the constraints may change along a motion, so a few points are examined.
     redundant = redundancy(model, problem.held, trajectory)
@@ -124,7 +124,7 @@ def run_values(
     return {
         "t": trajectory.t,
         "y": trajectory.z[:n],
-        # In z, sensitivities to each parameter are consecutive; s has state, parameter, time.
+        # z is ordered by parameter and state; s has the axes state, parameter, time.
         "s": trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2),
         "states": model.states,
         "positions": model.layout.positions,
@@ -153,7 +153,7 @@ def redundancy(model: CompiledModel, constraints: BoundModel | None, trajectory:
 
 def _left_out(model: CompiledModel) -> list[int]:
     """Return the outputs without unique sensitivities if constraints are redundant, and warn."""
-    # Redundant constraints have multipliers of minimum norm, a choice that is not differentiated.
+    # Multipliers of redundant constraints have minimum norm; this choice has no derivatives.
     found = [i for i, uses in enumerate(model.layout.uses_multipliers) if uses]
     if found:
         names = ", ".join(f"'{model.outputs[i]}'" for i in found[:6])

@@ -1,7 +1,7 @@
-"""Stiffness: mode rates of a problem, and the switch to a method for stiff problems.
+"""Stiffness: rates of the modes of a problem, and the switch to a method for stiff problems.
 
-Coefficients of step times were fitted to 20 networks of 6 to 200 species with up to 20
-sensitivities (``benchmarks/stiff_choice.py``); estimates are 0.6 to 1.3 times the measured times.
+The coefficients of the time estimates were fitted to 20 networks of 6 to 200 species with up to 20
+sensitivities (``benchmarks/stiff_choice.py``). Estimates are 0.6 to 1.3 times the measured times.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 
 # Number of computed eigenvalues of a sparse Jacobian, and their relative tolerance, which is loose
-# since only their magnitudes matter.
+# because only their magnitudes matter.
 _FEW = 6
 _ROUGH = 1e-2
 
-# Maximum number of restarts of the eigenvalue iteration. Well separated eigenvalues need a few; the
-# clustered slow modes of a long ladder network would need ten thousand.
+# Maximum number of restarts of the eigenvalue iteration. Well separated eigenvalues need a few
+# restarts; the clustered slow modes of a long ladder network would need ten thousand.
 _MOST_RESTARTS = 200
 
 
@@ -45,7 +45,7 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
 
 def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
     """Return the largest growth rate of a mode at a point, [1/s], or zero if no mode grows."""
-    # In an integration backwards in time, growing modes decay.
+    # Integration backwards in time turns growth into decay.
     modes = _modes(problem, [(t, z)], -problem.direction)
     return float(np.max(-modes.real, initial=0.0))
 
@@ -53,7 +53,7 @@ def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
 def _modes(
     problem: Problem, points: Sequence[tuple[float, FloatArray]], way: float
 ) -> npt.NDArray[np.complex128]:
-    """Return the eigenvalues of modes at all points that decay in direction ``way`` of time."""
+    """Return the eigenvalues at all points of the modes that decay in direction ``way`` of time."""
     evaluator = Evaluator(problem)
     return np.concatenate([np.zeros(0), *(_modes_at(evaluator, t, z, way) for t, z in points)])
 
@@ -81,11 +81,11 @@ def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
     from cotree.model.algebraic import Algebraic
 
     problem = evaluator.problem
-    assert problem.state_rhs is not None  # a compiled model has rates
+    assert problem.state_rhs is not None  # compiled models have rates
     assert problem.jacobian is not None
     unknowns = Algebraic(problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic)
     y, inside = np.array(z[: problem.n_states]), evaluator.inside(t)
-    # The elimination is valid only at solutions of the algebraic equations.
+    # The elimination is valid only if the algebraic equations are satisfied.
     unknowns.follow(inside, y)
     return unknowns.reduced(inside, y)
 
@@ -93,16 +93,16 @@ def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
 def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray[np.complex128]:
     """Return the eigenvalues; for a sparse matrix, only a few with the fastest decay.
 
-    If the iteration does not converge, the result is the smaller of the 1-norm and the infinity
-    norm, if ``is_bounded``; otherwise it is empty.
+    If the iteration does not converge, return the smaller of the 1-norm and the infinity norm if
+    ``is_bounded``, and otherwise no eigenvalues.
     """
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
     import scipy.sparse.linalg
 
     start = np.random.default_rng(0).normal(size=matrix.shape[0])  # the same vector in every run
-    # SR and LR select the smallest and largest real parts in ARPACK, which decay fastest forwards
-    # and backwards in time, respectively.
+    # ARPACK's SR selects the smallest real parts, whose modes decay fastest forwards in time; LR
+    # selects the largest ones, for backwards in time.
     which = "SR" if direction > 0 else "LR"
     try:
         options = {"v0": start, "tol": _ROUGH, "maxiter": _MOST_RESTARTS}
@@ -120,18 +120,18 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
 
 
 # Number of cvode steps per rodas5 step at equal error. Medians for the networks above, at errors
-# from 1e-3 to 1e-9, are 2.3 to 2.9; half of all values are between 1.6 and 3.5.
+# from 1e-3 to 1e-9, are 2.3 to 2.9; the middle half of the values is between 1.6 and 3.5.
 _STEPS = 2.5
 
-# Stages of rodas5, and sensitivities that it solves for together without unrolled elimination.
+# Stages of rodas5; number of sensitivities that it solves for at once if elimination is in loops.
 _STAGES, _AT_A_TIME = 8, 8
 
-# Numbers per cvode step: evaluations of the rates, evaluations of the rates with sensitivities, and
-# linear solutions for each block.
+# Per cvode step: evaluations of the rates, evaluations with sensitivities, and linear solutions of
+# each block.
 _RATES, _ALL, _SOLUTIONS = 1.6, 1.3, 1.5
 
-# With sensitivities, cvode factorises in each step if this takes at most this many multiplications
-# (FEW_MULTIPLICATIONS in C); otherwise in every tenth step.
+# With sensitivities, cvode factorises in each step if this takes at most this number of
+# multiplications (FEW_MULTIPLICATIONS in C); otherwise in every tenth step.
 _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 
@@ -150,7 +150,7 @@ def _of_rodas5(work: StepWork, m: int) -> float:
         solution = 1.1 * work.n_factors * (1 + m)
         factorisation = 0.5 * work.n_products
     else:
-        # There is one solution for the states, then one for each group of sensitivities.
+        # One solution serves the states, and one serves each group of sensitivities.
         solution = 2.2 * work.n_factors * (1 - (-m // _AT_A_TIME))
         factorisation = 0.19 * work.n_products
     own = 300.0 + factorisation + 0.5 * work.jacobian
@@ -162,23 +162,23 @@ def _of_cvode(work: StepWork, n: int, m: int) -> float:
     solution = 0.34 * _SOLUTIONS * work.n_banded * (1 + m)
     is_fresh = m > 0 and work.n_banded_products <= _FEW_MULTIPLICATIONS
     factorisation = 0.32 * work.n_banded_products * (1.0 if is_fresh else _SELDOM)
-    # Vector operations of SUNDIALS are prediction, error test and history.
+    # Vector operations of SUNDIALS: prediction, error test and history.
     vectors = 27.0 * n * (1 + m)
     return 600.0 + evaluation + solution + factorisation + vectors
 
 
-# Number of states above which the factors that cvode keeps are cheaper than rodas5.
+# With more states, cvode is cheaper than rodas5, because it reuses its factors.
 _MOST_STATES = 150
 
 # Maximum number of breakpoints with cvode: after each, a multistep method takes about thirty short
-# steps, compared with hundreds in a run.
+# steps, while a whole run takes hundreds.
 _MOST_BREAKPOINTS = 3
 
-# The integrator detects stiffness by differences, which rounding may disturb. It is confirmed if a
-# mode of the Jacobian reaches at least this fraction of the stability limit.
+# The integrator detects stiffness by finite differences, which rounding may disturb. Stiffness is
+# confirmed if a mode of the Jacobian reaches this fraction of the stability limit.
 _CONFIRMED = 0.5
 
-# Number of absolute tolerances within which an event function is near zero. A method that starts
+# An event function counts as zero within this number of absolute tolerances. A method that starts
 # there may locate the same event again, or an event of a value that remains zero.
 _AT_ZERO = 10.0
 
@@ -186,9 +186,9 @@ _AT_ZERO = 10.0
 def stiff_method(problem: Problem) -> str:
     """Return the name of the method for a stiff problem, by default "rodas5".
 
-    It is "cvode" if a run then costs less, if there are many states, or if there are loops, whose
-    singular configurations "rodas5" cannot pass. Without scikit-sundae it is then "BDF", or a C
-    method if SciPy's methods do not support the problem.
+    The method is "cvode" if a run then costs less, if there are many states, or if there are loops,
+    whose singular configurations "rodas5" cannot pass. If scikit-sundae is not installed, "BDF"
+    replaces "cvode", or a C method if SciPy's methods do not support the problem.
     """
     is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
     if problem.singular is None and not is_wide and not refusal("rodas5", problem):
@@ -203,9 +203,9 @@ def stiff_method(problem: Problem) -> str:
 def cost_of_rodas5(problem: Problem) -> float:
     """Return the estimated time of "rodas5" divided by that of "cvode", or zero without "cvode".
 
-    A multistep method restarts with order one after each event, breakpoint or projection, so
-    "cvode" is not considered for problems with these, nor for algebraic unknowns, solved at each
-    evaluation.
+    "cvode" is not considered for problems with events, many breakpoints or projections, because
+    multistep methods restart with order one after each. It is not considered for algebraic unknowns
+    either, which it would solve for at each evaluation.
     """
     # Runs that locate events or kinks may restart often.
     locates = problem.events is not None or (problem.has_kinks and problem.direction > 0)
@@ -253,7 +253,7 @@ def rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Proble
         wanted = wanted if len(wanted) else np.array([own.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
     taken = problem.steps_taken + work.n_steps
-    # The limit is only checked here, since `steps_taken` already includes these steps.
+    # The new limit of steps is only compared with zero: `steps_taken` contains these steps.
     if own.max_steps is not None:
         steps = own.max_steps - taken
     if own.max_events is not None:
@@ -272,10 +272,10 @@ def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajector
     """Join two trajectories, the second of which begins at the end of the first."""
     skipped = 0
     if problem.settings.t_eval is None:
-        # If all steps are stored, the second run repeats the last point of the first.
+        # If all steps are stored, the second trajectory repeats the last point of the first.
         skipped = int(bool(first.t.size and second.t.size and first.t[-1] == second.t[0]))
     elif len(first.t) == len(problem.settings.t_eval) and second.status == 0:
-        skipped = len(second.t)  # the end of the span, which was not requested
+        skipped = len(second.t)  # only the end of the span, which was not requested
     t, z, drift = second.t[skipped:], second.z[:, skipped:], second.drift
     if first.drift is not None and drift is not None:
         residual = np.hstack([first.drift.residual, drift.residual[:, skipped:]])
@@ -286,7 +286,7 @@ def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajector
         z=np.hstack([first.z, z]),
         statistics=summed(first.statistics, second.statistics),
         drift=drift,
-        # An array without events may lack columns, and could not be stacked.
+        # An array without events may lack columns, so it cannot be stacked.
         events=np.vstack([first.events, second.events]) if len(first.events) else second.events,
     )
 

@@ -4,12 +4,13 @@ CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own packag
 environment variable COTREE_SUNDIALS names a library that replaces both.
 
 CVODE and IDA integrate states and sensitivities as one vector, with cotree's factorisation of the
-Newton matrix. CVODES and IDAS have a vector for each parameter, so that the error test and the
-iteration use the largest norm, not the mean. They have two correctors:
+Newton matrix. CVODES and IDAS have one vector per parameter; their error test and iteration use the
+largest norm instead of the mean. They have two correctors:
 
-- staggered: solves for the states and tests them, then the sensitivities (W. F. Feehery, J. E.
-  Tolsma and P. I. Barton, Applied Numerical Mathematics 25, 1997);
-- simultaneous: one iteration solves for all (T. Maly and L. R. Petzold, ibid. 20, 1996).
+- staggered: solves for the states and tests their error, then does the same for the sensitivities
+(W. F. Feehery, J. E. Tolsma and P. I. Barton, Applied Numerical Mathematics 25, 1997); -
+simultaneous: one iteration solves for states and sensitivities (T. Maly and L. R. Petzold, ibid.
+20, 1996).
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _LEAST_PYTHON = (3, 12)
 def check_installed(method: str) -> None:
     """Raise SolveError if the package with "cvode" or "ida" is not installed."""
     try:
-        # The module is imported, since a part of the package may be missing.
+        # The import finds a package that is incompletely installed.
         importlib.import_module(f"sksundae.{method}")
     except ImportError as error:
         raise SolveError(
@@ -51,7 +52,7 @@ def check_installed(method: str) -> None:
 
 
 class LibraryPath(NamedTuple):
-    """Path of a library, or the reason why it is missing, without a capital and full stop."""
+    """Path of a library, or a clause with the reason why it is missing."""
 
     path: str
     why_not: str = ""
@@ -60,7 +61,7 @@ class LibraryPath(NamedTuple):
 def library_path(library: str) -> LibraryPath:
     """Return the path of a SUNDIALS library: "cvode", "ida", "cvodes" or "idas"."""
     named = os.environ.get(VARIABLE, "")
-    # A library that the user has named is never replaced by another one.
+    # A library named by the user is never replaced by another one.
     if named:
         if os.path.isfile(named):
             return LibraryPath(os.path.abspath(named))
@@ -76,12 +77,12 @@ def library_path(library: str) -> LibraryPath:
 
 
 def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
-    """Open a SUNDIALS library; return a ``cotree_sundials`` with it, or the reason of a failure."""
-    # Imported here, since cotree's own methods do not need the modules that generate C.
+    """Open a SUNDIALS library; return its ``cotree_sundials`` and handle, or why that failed."""
+    # Imported here, because cotree's own methods do not need the modules that generate C.
     from cotree.codegen.c_files import sundials_functions
 
     try:
-        # The Python functions that a module refers to are not needed, hence lazy binding.
+        # The library refers to Python functions that are not needed, hence lazy binding.
         opened = ffi.dlopen(path, ffi.RTLD_LAZY)
         # In other versions, functions may have other arguments.
         version = version_of(ffi, opened, path)
@@ -99,7 +100,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
 def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
     """Return the major and minor version of an opened library, or an empty tuple if unknown.
 
-    sundials4py lacks the function for it, but its metadata folder has the version in its name.
+    sundials4py lacks the function that returns it, but the name of its metadata folder contains it.
     """
     try:
         get_version = library.SUNDIALSGetVersionNumber
@@ -115,7 +116,7 @@ def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
 
 
 def _in_sundials4py(library: str) -> LibraryPath:
-    """Return the path of the package's module, which is itself a library, without importing it."""
+    """Return the path of the module sundials4py, which is itself the library, without an import."""
     try:
         spec = importlib.util.find_spec("sundials4py")
     except (ImportError, ValueError):
@@ -134,7 +135,7 @@ def _in_sundials4py(library: str) -> LibraryPath:
     return LibraryPath("", why)
 
 
-# Number of multiplications in a banded factorisation above which a sparse one is faster.
+# A sparse factorisation is faster than a banded one with more multiplications than this.
 _MOST_MULTIPLICATIONS = 3e7
 
 
@@ -145,13 +146,13 @@ class SundialsAid:
         ffi, n = engine.library.ffi, problem.n_states
         c = self.address = ffi.new("cotree_sundials_aid *")
         c.sundials, c.corrector = engine.functions, row.corrector
-        # Residuals of sensitivities change with the states. If sensitivities are not in the error
-        # test, the iteration therefore takes a minimum number of corrections.
+        # The residuals of sensitivities change with the states. If sensitivities are not in the
+        # error test, the iteration therefore takes a minimum number of corrections.
         c.are_followed = (
             problem.n_sensitivities > 0 and not problem.settings.error_test_sensitivities
         )
         if problem.n_algebraic and not row.keeps_algebraic:
-            # The reduced Jacobian is dense.
+            # The Jacobian after elimination of algebraic unknowns is dense.
             c.lower = c.upper = n - problem.n_algebraic - 1
         else:
             # The arrays do not exist if no rate depends on a state.

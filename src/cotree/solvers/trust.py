@@ -1,4 +1,4 @@
-"""Warnings and failures for runs with too loose tolerances or too large corrections."""
+"""Warnings and failures for runs whose tolerances are too loose or corrections too large."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, Trajectory
 
 
-# Corrections are compared with rtol or, if it is smaller, with this relative tolerance.
+# Corrections are compared with rtol, but at least with this relative tolerance.
 _CORRECTED_RTOL = 1e-3
 
-# Relative tolerances with redundant constraints, the projection onto which is not unique. Above the
-# first, the error of Bricard's mechanism is 10 to 300 tolerances; above the second, or above the
+# Relative tolerances for redundant constraints, onto which the projection is not unique. Above the
+# first, the error of Bricard's mechanism is 10 to 300 tolerances. Above the second, or above the
 # first with multistep methods, it is as large as the solution.
 _ROUGH, _ROUGHEST = 1e-4, 1e-3
 
-# The error test covers storage contents, not the variables that follow from them. Largest error of
-# such a variable without a warning, in tolerances, and number of points examined.
+# The error test covers storage contents, but not the variables that they determine. The error of
+# such a variable that causes a warning, in tolerances, and number of points examined.
 _LEFT_FREE, _N_EXAMINED = 10.0, 50
 
-# Largest states at rest, where forces balance, in machine precisions.
+# States below this multiple of the machine precision are rounding errors of a model at rest.
 _ROUNDINGS = 16.0
 
 
@@ -57,7 +57,7 @@ def warn_of_result(
 ) -> None:
     """Warn if the tolerances were too loose to control the states of a run.
 
-    ``followers`` are pairs of indices: a storage content, and the variable that follows from it.
+    ``followers`` are pairs of indices: a storage content, and the variable that it determines.
     """
     if trajectory.status == 0:
         untested = _untested(problem, trajectory)
@@ -70,7 +70,7 @@ def warn_of_result(
 def is_balanced(model: CompiledModel, problem: Problem) -> bool:
     """Return whether the first rates are rounding errors of large terms, as in a robot at rest.
 
-    Such rates change completely if parameters and inputs change in their tenth digit.
+    Rounding errors change completely if parameters and inputs change in their tenth digit.
     """
     native, t, y = problem.native, problem.settings.t_span[0], problem.z0[: problem.n_states]
     assert native is not None  # the settings require a C compiler
@@ -84,7 +84,7 @@ def is_balanced(model: CompiledModel, problem: Problem) -> bool:
 
 
 def _other(values: FloatArray) -> FloatArray:
-    """Return numbers that differ in the tenth digit, each by another relative change."""
+    """Return numbers that differ in the tenth digit, each by a different relative change."""
     return values * (1.0 + 1e-10 * (1.0 + np.arange(len(values)) % 7))
 
 
@@ -100,8 +100,8 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
 def check_constraint_drift(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory:
     """Mark a run as failed if it may have jumped to another branch of the constraints.
 
-    A projection then changed the states by far more than the tolerance, or the tolerance is too
-    loose for ``redundant`` constraints.
+    This is possible if a projection changed the states by far more than the tolerance, or if the
+    tolerance is too loose for ``redundant`` constraints.
     """
     drift = trajectory.drift
     if drift is None or trajectory.status != 0:
@@ -132,14 +132,14 @@ def _left_free(
     if not followers or problem.jacobian is None:
         return ""
     totals, own = (list(places) for places in zip(*followers, strict=True))
-    # The largest magnitude of the whole run counts: relative accuracy near zero is irrelevant.
+    # Tolerances refer to the largest magnitude of a run: relative accuracy near zero is irrelevant.
     y, atol = trajectory.z[: problem.n_states], problem.state_atol
     asked = atol[own] + problem.settings.rtol * np.max(np.abs(y[own]), axis=1)
     worst, message = _LEFT_FREE, ""
     n = len(trajectory.t)
     for k in np.unique(np.linspace(0, n - 1, min(n, _N_EXAMINED)).astype(int)).tolist():
         t = float(trajectory.t[k])
-        # The algebraic equation of a variable contains the storage content, so this derivative is
+        # The algebraic equation of a variable contains its storage content. This derivative is thus
         # the change of the content per unit of the variable, such as a capacitance.
         capacity = np.abs(problem.jacobian(t, y[:, k])[own, own])
         allowed = atol[totals] + problem.settings.rtol * np.abs(y[totals, k])
@@ -159,7 +159,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
     """Return a warning if the absolute tolerance is large compared with all states."""
     n = problem.n_states - problem.n_algebraic
     y, atol = trajectory.z[:n], problem.settings.atol
-    # The initial states are checked first, since they often suffice.
+    # The initial states are checked first, because they are often large enough.
     at_start = max(map(abs, problem.z0[:n].tolist()), default=0.0)
     if problem.sizes is None and _is_seen(at_start, atol):
         return ""
@@ -178,7 +178,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
 
 def _is_seen(largest: float, atol: float) -> bool:
     """Return whether an absolute tolerance is small enough for states of the given magnitude."""
-    return not largest < atol / LOOSE_RTOL  # true for nan
+    return not largest < atol / LOOSE_RTOL  # the negation makes nan count as seen
 
 
 def _warn(message: str) -> None:
@@ -186,11 +186,11 @@ def _warn(message: str) -> None:
         warnings.warn(message, RuntimeWarning, stacklevel=level_of_user())
 
 
-# Fraction of (rtol * step size) below which the spacing of t has no effect.
+# The spacing of t has no effect if it is below this fraction of (rtol * step size).
 _FINE = 0.1
 
-# Number of steps whose rounding errors add up. They are independent, so the sum is proportional to
-# the square root of the number of steps.
+# Number of steps whose rounding errors add up. The errors are independent, so their sum is
+# proportional to the square root of this number.
 _REMEMBERED = 100
 
 # Number of points examined, and increment of finite differences as a fraction of a step.
@@ -205,7 +205,7 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
         return trajectory
     step = abs(problem.settings.t_span[1] - problem.settings.t_span[0]) / n_steps
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
-    # Tolerances refer to the largest magnitudes, since values may pass through zero.
+    # Tolerances refer to the largest magnitudes, because values may pass through zero.
     largest = np.max(np.abs(trajectory.z[: problem.n_states]), axis=1)
     allowed = problem.state_atol + problem.settings.rtol * largest
     with np.errstate(all="ignore"):
@@ -230,7 +230,7 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
 def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     """Return whether the rounding of times has no effect, for one number of steps or an array."""
     start, end = problem.settings.t_span
-    # Runs without steps count as having one.
+    # Runs without steps count as runs with one step.
     steps = abs(end - start) / (n_steps + (n_steps == 0))
     return math.ulp(max(abs(start), abs(end))) <= _FINE * problem.settings.rtol * steps
 
@@ -238,7 +238,8 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
 def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
     """Return the error of a step due to the rounding of t, as a fraction of the tolerance.
 
-    The smaller change forwards or backwards in time is used, since a jump affects only one of them.
+    The error is computed forwards and backwards in time, and the smaller value is returned, because
+    a jump affects only one of them.
     """
     y = z[: problem.n_states]
     low, high = sorted(problem.settings.t_span)
@@ -269,8 +270,8 @@ def _over_step(
         return change
     from cotree.model.linear import solve_with
 
-    # (M / h - J) x = change is an implicit Euler step of length h with a disturbance of the rates;
-    # M has zeros for algebraic unknowns. Without stiffness, x is h times the change.
+    # (M / h - J) x = change is an implicit Euler step of length h with disturbed rates; M has zeros
+    # for algebraic unknowns. Without stiffness, x is h times the change.
     shift = np.zeros(problem.n_states)
     shift[: problem.n_states - problem.n_algebraic] = 1.0 / step
     if problem.sparse_jacobian is not None:
@@ -283,5 +284,5 @@ def _over_step(
     try:
         return solve_with(matrix, change)
     except np.linalg.LinAlgError:
-        # The effect without damping.
+        # This is the change without damping.
         return step * change
