@@ -1,4 +1,10 @@
-"""is a unit matrix with zeros for algebraic unknowns. The generated code checks its results."""
+"""Gaussian elimination of sparse matrices with entries of any type, and elimination plans.
+
+Entries are nodes, whose values become code, or placeholders if only the pattern is known. Pivots
+never depend on values, which are known only at run time. A plan lists the steps that factorise
+``shift M - J`` and solve with the factors. J is a Jacobian; M is a unit matrix with zeros for
+algebraic unknowns. The generated code checks its results.
+"""
 
 from __future__ import annotations
 
@@ -25,22 +31,22 @@ class Arithmetic(Protocol[T]):
         """Return the product of an entry and the reciprocal of the pivot in its column."""
 
     def less(self, entry: T | None, multiplier: T, other: T) -> T | None:
-        """Return ``entry - multiplier * other``, with an entry of the pivot row; None is zero."""
+        """Return ``entry - multiplier * other``; ``other`` is in the pivot row, None is zero."""
 
 
 @dataclass
 class Remainder:
-    """The pattern that remains between the eliminations of two pivots."""
+    """Pattern of the matrix that remains after the elimination of a pivot."""
 
     #: Columns of the entries in each row; rows of the entries in each column.
     rows: Mapping[int, Collection[int]]
     columns: Mapping[int, Collection[int]]
-    #: Rows with an entry in the last pivot's column; columns with an entry in its row.
+    #: Rows with an entry in the column of the last pivot; columns with an entry in its row.
     below: Collection[int] = ()
     beside: Collection[int] = ()
 
 
-#: Returns the next pivot, or None to end the elimination.
+#: Function that returns the next pivot, or None to end the elimination.
 Choice = Callable[[Remainder], Place | None]
 
 
@@ -50,9 +56,9 @@ class Factors(Generic[T]):
 
     pivots: tuple[Place, ...]  # row and column of each pivot
     inverses: tuple[T, ...]  # reciprocals of the pivots
-    #: Multipliers that subtract each pivot's row from other rows, by row.
+    #: By row: the multipliers with which each pivot's row is subtracted from other rows.
     lower: tuple[dict[int, T], ...]
-    upper: tuple[dict[int, T], ...]  # remaining row of each pivot, by column
+    upper: tuple[dict[int, T], ...]  # by column: entries in each pivot's row, without the pivot
 
 
 def eliminate(
@@ -62,13 +68,13 @@ def eliminate(
     *,
     is_symmetric: bool = False,
 ) -> Factors[T]:
-    """Eliminate unknowns, with diagonal pivots if symmetric; ``rows`` keeps the remainder."""
+    """Eliminate unknowns, with diagonal pivots if symmetric; ``rows`` keeps the remaining rows."""
     # A symmetric matrix equals its transpose.
     columns: dict[int, set[int]] = {} if is_symmetric else columns_of(rows)
     left = Remainder(rows, rows if is_symmetric else columns)
     pivots, inverses, lower, upper = [], [], [], []
     less = arithmetic.less
-    # Right-looking elimination: all counts are up to date when the next pivot is chosen.
+    # Right-looking elimination keeps all counts up to date for the choice of the next pivot.
     while (pivot := choose(left)) is not None:
         i, j = pivot
         row = rows.pop(i)
@@ -76,25 +82,25 @@ def eliminate(
         if not is_symmetric:
             for k in (j, *row):
                 columns[k].discard(i)
-        # Sorted, so that the generated code does not depend on the order of sets.
+        # Sorting makes the generated code independent of the order of sets.
         below = sorted(row if is_symmetric else columns.pop(j))
-        # Multiplication by the reciprocal needs only one division per pivot.
+        # The reciprocal replaces divisions by products, so each pivot takes one division.
         multipliers = {k: arithmetic.scaled(rows[k].pop(j), inverse) for k in below}
         for k, multiplier in multipliers.items():
             own = rows[k]
             for other, entry in row.items():
-                # symmetric entries are computed once
+                # Compute symmetric entries once.
                 if is_symmetric and other > k:
                     continue
                 before = own.get(other)
                 updated = less(before, multiplier, entry)
-                # The same object: the node is unchanged, or the sum was extended in place.
+                # Identical object: the node is unchanged, or the sum was extended in place.
                 if updated is before:
                     continue
                 _set_entry(own, columns, k, other, updated)
                 if is_symmetric and other != k:
                     _set_entry(rows[other], columns, other, k, updated)
-        # Counts have changed only in the pivot's rows and columns.
+        # Only rows and columns that cross the pivot's row or column have new counts.
         left.below, left.beside = below, row
         pivots.append(pivot)
         inverses.append(inverse)
@@ -104,7 +110,7 @@ def eliminate(
 
 
 def columns_of(rows: Mapping[int, Collection[int]]) -> dict[int, set[int]]:
-    """Return the rows of each column's entries; columns have the same numbers as rows."""
+    """Return for each column the rows of its entries; columns are numbered like the rows."""
     columns: dict[int, set[int]] = {j: set() for j in rows}
     for i, row in rows.items():
         for j in row:
@@ -124,11 +130,11 @@ def _set_entry(
 
 
 class FewestCouplings:
-    """Minimum-degree pivots of a symmetric matrix; among equals, the outermost one in the tree."""
+    """Minimum-degree pivots of a symmetric matrix; of equal degrees, the last unknown is first."""
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
         self._left = set(allowed)
-        # Sorted by degree, then by negative number, so that the last unknown comes first.
+        # Sorted by degree, then by negative index: of equal degrees, the last unknown comes first.
         self._waiting = [(len(rows[i]), -i) for i in self._left]
         heapify(self._waiting)
 
@@ -139,8 +145,8 @@ class FewestCouplings:
         while self._waiting:
             count, negative = heappop(self._waiting)
             k = -negative
-            # An unknown whose degree has changed was pushed again. A pivot that vanishes by
-            # rounding, such as a mass 1e-17 times another, is not an entry.
+            # Entries with an outdated degree are skipped: the unknown was pushed again. A pivot
+            # that vanishes by rounding, such as a mass 1e-17 times another one, is no entry.
             if k in self._left and len(left.rows[k]) == count and k in left.rows[k]:
                 self._left.remove(k)
                 return k, k
@@ -148,18 +154,18 @@ class FewestCouplings:
 
 
 class FewestUpdates:
-    """Pivots whose elimination changes the fewest entries, up to ``most_updates`` in total."""
+    """Pivots that change the fewest entries, until the total would exceed ``most_updates``."""
 
     def __init__(self, most_updates: int) -> None:
         self._n_left = most_updates
 
     def __call__(self, left: Remainder) -> Place | None:
         """Return the next pivot."""
-        # Everything is eliminated, or a row is empty and the matrix is structurally singular.
+        # Stop if all rows are eliminated, or an empty row makes the matrix singular.
         if not left.rows or not all(left.rows.values()):
             return None
         best = min(
-            # Off-diagonal pivots only without updates; then by number of updates and position.
+            # Off-diagonal pivots must cause no updates; at equal cost, diagonal ones come first.
             (i != j and cost > 0, cost, i != j, i, j)
             for i, row in left.rows.items()
             for j in row
@@ -181,7 +187,7 @@ class FewestUpdatesOfMatched:
 
     def __call__(self, left: Remainder) -> Place | None:
         """Return the next pivot."""
-        # The costs of other columns have not changed; outdated entries of the heap are skipped.
+        # The costs of all other columns are unchanged; outdated entries of the heap are skipped.
         for j in {self._column_of[i] for i in left.below}.union(left.beside):
             heappush(self._waiting, (_n_updates(left, self._row_of[j], j), j))
         while self._left:
@@ -198,12 +204,12 @@ def _n_updates(left: Remainder, i: int, j: int) -> int:
 
 
 def match(columns: Sequence[Collection[int]]) -> list[int] | None:
-    """Assign a different row to each column, preferably the diagonal one; None if singular."""
+    """Assign a different row to each column, if possible the diagonal one; None if singular."""
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
-    # Find augmenting paths of a bipartite matching, from columns without a row to free rows.
+    # Augmenting paths of a bipartite matching lead from a column without a row to a free row.
     for start in [j for j, row in enumerate(row_of) if row < 0]:
-        # Breadth-first search reassigns the fewest columns.
+        # The shortest path, found breadth first, reassigns the fewest columns.
         came_from: dict[int, int] = {}
         queue, free = [start], -1
         for j in queue:
@@ -221,7 +227,7 @@ def match(columns: Sequence[Collection[int]]) -> list[int] | None:
             return None
         row = free
         while True:
-            # Move the rows along the path back to the start.
+            # Shift the assignments along the path, back to its start.
             j = came_from[row]
             row_of[j], row = row, row_of[j]
             column_of[row_of[j]] = j
@@ -232,7 +238,7 @@ def match(columns: Sequence[Collection[int]]) -> list[int] | None:
 
 @dataclass(frozen=True)
 class FactorStep:
-    """A factor: ``(shift + -J - sum of products) * scale``, or the reciprocal of this value."""
+    """Recipe of a factor: ``(shift + -J - sum of products) * scale``, or the reciprocal of this."""
 
     value: int  # index among the entries of J, or -1
     has_shift: bool  # whether the scalar ``shift`` is added to the matrix
@@ -250,9 +256,9 @@ class Elimination:
     rows: tuple[int, ...]
     columns: tuple[int, ...]
     pivots: tuple[int, ...]  # index of each pivot's reciprocal among the factors
-    #: Earlier pivots that are subtracted from each pivot's row, as pairs (pivot, factor).
+    #: For each pivot: the earlier pivots subtracted from its row, as pairs (pivot, factor).
     lower: tuple[tuple[tuple[int, int], ...], ...]
-    #: Later pivots in the backward substitution of each pivot, as pairs (pivot, factor).
+    #: For each pivot: the later pivots in backward substitution, as pairs (pivot, factor).
     upper: tuple[tuple[tuple[int, int], ...], ...]
 
     @property
@@ -275,10 +281,10 @@ def plan_elimination(
         for at in range(column_starts[j], column_starts[j + 1]):
             rows[row_indices[at]][j] = _Sum(at)
     for i in range(n_shifted):
-        # The shift adds diagonal entries that J may not have, except for algebraic unknowns.
+        # The shift adds diagonal entries, even if J has none, except for algebraic unknowns.
         rows[i].setdefault(i, _Sum()).has_shift = True
     columns = columns_of(rows)
-    # Algebraic unknowns may have no diagonal entry: a matching finds pivots for all unknowns.
+    # Algebraic unknowns may lack a diagonal entry: a matching finds pivots for all unknowns.
     row_of = match([columns[j] for j in range(n)])
     if row_of is None:
         return None
@@ -288,21 +294,21 @@ def plan_elimination(
 
 @dataclass(eq=False, slots=True)
 class _Sum:
-    """An entry during elimination: its index in J, and the products that are subtracted from it."""
+    """An entry during elimination: its index in J, and the products subtracted from it."""
 
     value: int = -1
     has_shift: bool = False
-    products: list[_Sum] = field(default_factory=list)  # pairs of entries, in one list
+    products: list[_Sum] = field(default_factory=list)  # the factors of each product in turn
     pivot: _Sum | None = None
     is_pivot: bool = False
-    number: int = -1  # index among the factors, assigned when their order is known
+    number: int = -1  # index among the factors, assigned when the order is known
 
 
 class _OfSums:
-    """Symbolic elimination that records products; entries never cancel."""
+    """Arithmetic that records products instead of computing values; entries never cancel."""
 
     def inverse(self, pivot: _Sum) -> _Sum:
-        # The reciprocal replaces the pivot, since solutions are multiplied by it.
+        # The reciprocal is stored instead of the pivot, because solutions are multiplied by it.
         pivot.is_pivot = True
         return pivot
 
@@ -312,7 +318,7 @@ class _OfSums:
 
     def less(self, entry: _Sum | None, multiplier: _Sum, other: _Sum) -> _Sum:
         if entry is None:
-            # Fill-in: the new entry has no value in J.
+            # Fill-in: J has no entry here.
             entry = _Sum()
         entry.products += multiplier, other
         return entry
@@ -321,21 +327,21 @@ class _OfSums:
 def _listed(plan: Factors[_Sum]) -> Elimination:
     """Return the plan with factors numbered pivot by pivot."""
     rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
-    # From here on, rows and columns are numbered by the position of their pivot.
+    # Rows and columns are now numbered in the order of their pivots.
     rank_of_row = {row: k for k, row in enumerate(rows)}
     rank_of_column = {column: k for k, column in enumerate(columns)}
     below = [sorted((rank_of_row[i], entry) for i, entry in own.items()) for own in plan.lower]
     beside = [sorted((rank_of_column[j], entry) for j, entry in own.items()) for own in plan.upper]
     factors: list[_Sum] = []
     for pivot, down, along in zip(plan.inverses, below, beside, strict=True):
-        # The products of a factor belong to earlier pivots.
+        # The products of a factor consist of factors of earlier pivots.
         factors += [pivot, *(entry for _, entry in down), *(entry for _, entry in along)]
     for number, entry in enumerate(factors):
         entry.number = number
     lower: list[list[tuple[int, int]]] = [[] for _ in rows]
     for m, down in enumerate(below):
         for k, entry in down:
-            # Stored by rows for forward substitution.
+            # Forward substitution reads the multipliers row by row.
             lower[k].append((m, entry.number))
     return Elimination(
         tuple(map(_entry, factors)),
@@ -348,14 +354,14 @@ def _listed(plan: Factors[_Sum]) -> Elimination:
 
 
 def _entry(own: _Sum) -> FactorStep:
-    # The factors of each pair are stored one after the other.
+    # The two factors of a product are consecutive in the list.
     numbers = [factor.number for factor in own.products]
     products = tuple(zip(numbers[::2], numbers[1::2], strict=True))
     pivot = -1 if own.pivot is None else own.pivot.number
     return FactorStep(own.value, own.has_shift, products, pivot, own.is_pivot)
 
 
-# Largest matrix that is stored as a dense one.
+# Largest number of unknowns for which the matrix is stored as a dense one.
 _SMALL = 40
 
 
@@ -372,13 +378,13 @@ def narrow_band(
 
         starts, rows = np.array(column_starts), np.array(row_indices, dtype=np.int64)
         pattern = csc_matrix((np.ones(len(rows)), rows, starts), shape=(n, n)).tocsr()
-        # The order lists unknowns by new position; its inverse is the new position of each unknown.
+        # reverse_cuthill_mckee lists the unknowns in their new order; the inverse is needed.
         places = np.empty(n, dtype=np.intc)
         places[reverse_cuthill_mckee(pattern, symmetric_mode=False)] = np.arange(n)
         # Distance of each entry from the diagonal after reordering, positive below it.
         below = places[rows] - np.repeat(places, np.diff(starts))
         lower, upper = int(max(below.max(initial=0), 0)), int(max((-below).max(initial=0), 0))
-        # number of diagonals in banded storage with row pivoting
+        # Number of diagonals in banded storage, including those that row pivoting fills.
         if 2 * lower + upper + 1 < n:
             return lower, upper, places
     return n - 1, n - 1, None

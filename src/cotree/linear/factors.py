@@ -1,8 +1,8 @@
 """Factors of matrices whose entries are nodes, for any number of right-hand sides.
 
-Symmetric matrices are factorised as L D L^T; rows whose pivots may be zero form a dense core, with
-pivots chosen at run time. Pivots of unsymmetric matrices are chosen for sparsity, and cancellation
-in them is measured at run time.
+Symmetric matrices are factorised as L D L^T. Rows whose pivots may be zero form a dense core, whose
+pivots are chosen at run time. Pivots of unsymmetric matrices are chosen for sparsity; the code
+measures the cancellation in them at run time.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.linear.elimination import Factors
 
-#: Smallest ratio of a squared constraint gradient to the sum of its squared terms. Rows are scaled
-#: with at least this one, so that rounding errors (about 1e-31) remain below the rank tolerance.
+#: Smallest ratio of a squared constraint gradient to the sum of its squared terms. Scales of rows
+#: use at least this ratio, so that rounding errors (about 1e-31) stay below the rank tolerance.
 _SMALLEST_SHARE = 1e-17
 
-#: Largest ratio of a multiplier to the multiplier that would balance its residual alone. It is
-#: exceeded in rows that cannot be satisfied, and amplifies rounding errors of residuals.
+#: Factor of residuals that are added to multipliers: it makes the multiplier of a row that cannot
+#: be satisfied exceed all limits, but also amplifies rounding errors of residuals.
 _BEYOND = 1e4
 
 
@@ -36,7 +36,7 @@ class LinearSolver(Protocol):
 
 
 class RankedSolver(LinearSolver, Protocol):
-    """Factorised equations, some of which may be redundant."""
+    """Factorised equations, of which some may be redundant."""
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side.
@@ -51,20 +51,20 @@ class Core:
 
     places: tuple[int, ...]  # indices of the unknowns
     matrix: tuple[tuple[Node, ...], ...]  # symmetric matrix of the equations
-    #: Scales of the diagonal. Unless terms cancel, entries divided by the roots of their scales are
-    #: close to 1, so that the rank does not depend on units.
+    #: Scales of the diagonal. Entries are divided by the roots of their scales: without
+    #: cancellation, the diagonal is then close to 1, so that the rank does not depend on units.
     sizes: tuple[Node, ...]
     n_determined: int  # number of leading unknowns that must be unique
 
     def solve(self, right: Sequence[Node], tolerance: float) -> dict[int, Node]:
-        """Return the core unknowns by index; empty if their right-hand side is zero."""
+        """Return the unknowns of the core by index; empty if their right-hand side is zero."""
         rest = [right[i] for i in self.places]
         if all(value.is_zero for value in rest):
             return {}
         dag, shape = rest[0].dag, SolveShape(len(rest), self.n_determined, tolerance)
-        # Scaled to a unit diagonal, so that pivots are compared with one.
+        # The scaled diagonal is about 1, so pivots are compared with one.
         found = solve(dag, self.matrix, rest, dag.one, shape, self.sizes)
-        return dict(zip(self.places, found, strict=False))  # the last entry is the rank
+        return dict(zip(self.places, found, strict=False))  # without rank and acceptance
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,14 @@ class SparseFactors:
 
     dag: Dag  # arena of the nodes
     factors: Factors[Node]  # factors, pivot by pivot
-    is_symmetric: bool  # whether a pivot's row and column multipliers are equal
-    core: Core | None = None  # remaining equations, which have no safe pivots
+    is_symmetric: bool  # whether the multipliers of a pivot's row and column are equal
+    core: Core | None = None  # remaining equations, whose pivots may be zero
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
         own, right = self.factors, list(rhs)
         found = [self.dag.zero] * len(right)
-        # For unsymmetric factors, the caller has set the label.
+        # Nodes of unsymmetric factors keep the label that the caller has set.
         with self.dag.labelled("substitution" if self.is_symmetric else self.dag.section):
             # Forward substitution with L, then the core, then backward substitution.
             for (i, _), below in zip(own.pivots, own.lower, strict=True):
@@ -110,7 +110,7 @@ class _OfNodes:
     def less(self, entry: Node | None, multiplier: Node, other: Node) -> Node | None:
         product = multiplier * other
         left = -product if entry is None else entry - product
-        # An entry that cancels identically leaves the pattern and causes no fill-in.
+        # An entry that is structurally zero is removed, and so causes no fill-in.
         return None if left.is_zero else left
 
 
@@ -120,14 +120,14 @@ def factorise(
     is_safe: Sequence[bool],
     sizes: Sequence[Sequence[Node]] = (),
 ) -> SparseFactors:
-    """Factorise a symmetric matrix, whose pivots may be zero at run time unless they are safe.
+    """Factorise a symmetric matrix; pivots that are not safe may be zero at run time.
 
     The last unknowns are multipliers, which may be redundant. ``sizes`` contains the squared terms
     of their rows, without cancellation.
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
-        # Only safe pivots are eliminated; the remaining rows form the core.
+        # Eliminate only safe pivots; the remaining rows form the core.
         choose = FewestCouplings(rows, [i for i in rows if is_safe[i]])
         factors = eliminate(rows, _OfNodes(), choose, is_symmetric=True)
         core = _core(dag, matrix, rows, sizes) if rows else None
@@ -136,12 +136,12 @@ def factorise(
 
 @dataclass(frozen=True)
 class HeldFactors:
-    """A factorised matrix with a border of multipliers, which are eliminated last."""
+    """A factorised matrix, bordered by rows and columns of multipliers, eliminated last."""
 
     dag: Dag  # arena of the nodes
-    inner: RankedSolver  # factors of the matrix without its border
+    inner: RankedSolver  # factors of the matrix without border
     border: tuple[tuple[Node, ...], ...]  # coefficients of the inner unknowns in the border rows
-    responses: tuple[tuple[Node, ...], ...]  # solution for each border column as right-hand side
+    responses: tuple[tuple[Node, ...], ...]  # solution with each border column as right-hand side
     cores: tuple[Core, ...]  # remaining equations of the multipliers, in coupled groups
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
@@ -161,7 +161,7 @@ class HeldFactors:
                         value - response * multiplier
                         for value, response in zip(found, self.responses[i], strict=True)
                     ]
-                # If no multiplier can satisfy a row, its multiplier exceeds all limits.
+                # If no multiplier can satisfy a row, make its multiplier exceed all limits.
                 own = [held[i] for i in core.places]
                 for i, row, size in zip(core.places, core.matrix, core.sizes, strict=True):
                     held[i] = held[i] - _BEYOND * (rest[i] - _product(row, own)) / size
@@ -196,12 +196,12 @@ def hold(
                 if is_symmetric:
                     core[j][i] = core[i][j]
         diagonal = [
-            # Otherwise a row that no motion changes would consist of rounding errors.
+            # Without the added sum, a row that no motion affects would be pure rounding.
             dag.function("abs", core[i][i]) + size
             for i, size in enumerate(sizes)
         ]
     cores = [
-        # Multipliers may be indeterminate, so no unknown needs to be unique.
+        # Multipliers may be indeterminate, so their uniqueness is not required.
         Core(
             tuple(group),
             tuple(tuple(core[i][j] for j in group) for i in group),
@@ -214,7 +214,7 @@ def hold(
 
 
 def _coupled(matrix: Sequence[Sequence[Node]]) -> list[list[int]]:
-    """Group the rows that are coupled by nonzero entries."""
+    """Return groups of rows that nonzero entries couple."""
     groups: list[set[int]] = []
     for i, row in enumerate(matrix):
         own = {i, *(j for j, entry in enumerate(row) if not entry.is_zero)}
@@ -263,11 +263,11 @@ def _core(
         sizes[i] = dag.function("abs", rows[i].get(i, dag.zero))
         for j, entry in rows[i].items():
             if j != i and matrix[j][i] is not dag.zero:
-                # Squared couplings to core unknowns, divided by their diagonal entries.
+                # Squared couplings to core unknowns, over the diagonal entries of these unknowns.
                 sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
         if i >= n:
             parts = [
-                # If M were diagonal, the diagonal of G M^-1 G^T would contain G_j^2 / M_jj.
+                # Diagonal of G M^-1 G^T if M were diagonal: the sum of G_j^2 / M_jj.
                 size / matrix[j][j]
                 for j, size in enumerate(natural[i - n])
                 if not size.is_zero and not matrix[j][j].is_zero
@@ -277,7 +277,7 @@ def _core(
         tuple(core),
         tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
         tuple(dag.one if size.is_zero else size for size in sizes.values()),
-        # In the core, accelerations precede multipliers and must be determined uniquely.
+        # The accelerations in the core precede the multipliers and must be unique.
         sum(i < n for i in core),
     )
 
@@ -286,7 +286,7 @@ def kept_size(size: Node, parts: Sequence[Node]) -> Node:
     """Return a diagonal entry plus a small fraction of its sum without cancellation.
 
     The entry is zero if the gradient of a constraint vanishes, and a rounding error if constraints
-    are redundant; the scaled row is then small.
+    are redundant. Divided by the result, such a row is small.
     """
     return size + _SMALLEST_SHARE * sum(parts, size.dag.zero)
 
@@ -294,13 +294,13 @@ def kept_size(size: Node, parts: Sequence[Node]) -> Node:
 def factorise_unsymmetric(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], most_updates: int
 ) -> tuple[SparseFactors, Node] | None:
-    """Factorise by pivots that change the fewest entries, and measure cancellation at run time.
+    """Factorise with pivots that change the fewest entries, and form a measure of cancellation.
 
     The measure is the sum of ``|terms of a pivot| / |pivot|`` over all pivots that are sums. Return
     None if the matrix is structurally singular or more than ``most_updates`` entries would change.
     """
     rows = _nonzeros(matrix)
-    # The remaining rows have no pivot, or only pivots that cost too much.
+    # Rows remain if they have no pivot, or if all of their pivots would change too many entries.
     factors = eliminate(rows, _OfNodes(), FewestUpdates(most_updates))
     if rows:
         return None
@@ -311,12 +311,12 @@ def _doubt(dag: Dag, matrix: Sequence[Mapping[int, Node]], factors: Factors[Node
     doubt = dag.zero
     for n, ((i, j), inverse) in enumerate(zip(factors.pivots, factors.inverses, strict=True)):
         parts = [
-            # Entry minus products: cancellation makes the pivot much smaller than its terms.
+            # The pivot is an entry minus these products, and small if they cancel.
             lower[i] * upper[j]
             for lower, upper in zip(factors.lower[:n], factors.upper[:n], strict=True)
             if i in lower and j in upper
         ]
-        # A pivot that is a matrix entry cannot cancel.
+        # A pivot without products is a matrix entry, which cannot cancel.
         if not parts:
             continue
         size = dag.function("abs", matrix[i].get(j, dag.zero))

@@ -1,14 +1,14 @@
 """Elimination along a tree: articulated inertias (R. Featherstone, 1983), O(n) per solution.
 
-Articulated inertias, reduced by the part that the branch's own motion releases, are added to the
-parent; the mass matrix is not formed. Compared with the matrix, this costs less for long chains and
-more for short ones.
+The articulated inertia of each branch, without the part that moves freely along its speeds, is
+added to its parent; the mass matrix is not formed. This costs less than the mass matrix for long
+chains, and more for short ones.
 
-Each speed subtracts w w^T / d from the inertia, with the wrench w per unit of the speed and the
-pivot d. This term is subtracted at once or *deferred*: w is then shifted by the next arm, and its
-effects on the next wrench and pivot are subtracted there. Deferring takes more operations, but
-halves the critical path from one pivot to the next, which becomes a reciprocal, a product and a
-difference.
+For each speed, w w^T / d is subtracted from the inertia, with the wrench w per unit of the speed
+and the pivot d. The term is subtracted at once or *deferred*: w is then shifted by the next arm,
+and the effects of the term on the next wrench and pivot are subtracted there. A deferred term takes
+more operations, but halves the critical path from one pivot to the next, which becomes a
+reciprocal, a product and a difference.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
 
 
-_NO_AXIS = -1  # not along a coordinate axis
+_NO_AXIS = -1  # s is not along a coordinate axis
 
 
 @dataclass(frozen=True)
 class Gate:
-    """The wrench of one speed, divided by its pivot, and the reciprocal of the pivot."""
+    """The wrench per unit of a speed, divided by its pivot, and the reciprocal of the pivot."""
 
     force: Vector
     torque: Vector
@@ -43,7 +43,7 @@ class Gate:
 class Spatial:
     """Inertia that maps accelerations a, alpha to force F a + E alpha and torque E^T a + J alpha.
 
-    The deferred terms w w^T / d of speeds have not yet been subtracted.
+    The deferred terms w w^T / d in ``taken`` have not yet been subtracted.
     """
 
     force: Matrix
@@ -84,10 +84,10 @@ def total(a: Spatial | None, b: Spatial | None) -> Spatial | None:
 
 
 def resolved(a: Spatial, step: Matrix) -> Spatial:
-    """Transform an inertia to another basis."""
+    """Transform an inertia to another basis by the rotation ``step``."""
     return Spatial(
         vector.congruence(step, a.force),
-        # The coupling is not symmetric, so `congruence` cannot be used.
+        # `congruence` requires a symmetric matrix, but the coupling is not symmetric.
         vector.matmul(vector.matmul(step, a.coupling), vector.transpose(step)),
         vector.congruence(step, a.torque),
         tuple(
@@ -100,29 +100,29 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
 def released(
     a: Spatial, turning: Vector, shifting: Vector, is_deferred: bool
 ) -> tuple[Gate, Spatial]:
-    """Subtract the term w w^T / d of a speed from an inertia, or defer it to after the next arm.
+    """Subtract the term w w^T / d of a speed from an inertia, or defer it until the next arm.
 
     ``turning`` and ``shifting`` are the direction s: angular acceleration, and acceleration of the
     reference point, per unit of the speed's rate. The gate contains the wrench w = a s divided by
     its pivot d = s . w, and 1 / d. R. Featherstone, Int. J. Robotics Research 2 (1983) 13.
     """
-    # w = I s is the wrench per unit of the speed; its power along s is the pivot d.
+    # w = I s is the wrench per unit of the speed; the pivot is d = s . w.
     force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
     torque = vector.add(
         vector.transposed_times(a.coupling, shifting), vector.times(a.torque, turning)
     )
     pivot = vector.dot(shifting, force) + vector.dot(turning, torque)
     for w in a.taken:
-        # Each deferred term reduces the pivot by (s.w)^2 / d and the wrench by w (s.w) / d.
+        # Each earlier deferred term reduces the pivot by (s.w)^2 / d and the wrench by w (s.w) / d.
         along = vector.dot(shifting, w.force) + vector.dot(turning, w.torque)
         pivot = pivot - w.inverse * (along * along)
         force = _less_scaled(force, w.inverse, along, w.force)
         torque = _less_scaled(torque, w.inverse, along, w.torque)
-        # The inertia is now shifted by the arm, so the deferred term can be subtracted.
+        # The deferred terms have been shifted with the inertia and can now be subtracted.
         a = _less_product(a, w, w, w.inverse)
     inverse = 1.0 / pivot
     wrench = Gate(force, torque, inverse)
-    # Substitutions in both directions use w / d.
+    # Both substitutions, inwards and outwards, use w / d.
     gate = Gate(vector.scale(inverse, force), vector.scale(inverse, torque), inverse)
     if is_deferred:
         return gate, _struck(a, wrench, turning, shifting)
@@ -130,7 +130,7 @@ def released(
 
 
 def _less_scaled(a: Vector, inverse: Node, along: Node, b: Vector) -> Vector:
-    """Return a - inverse * along * b; the multiplication by the reciprocal comes last."""
+    """Return a - inverse * along * b; the reciprocal enters last, for a short critical path."""
     return vector.sub(a, vector.scale(inverse, vector.scale(along, b)))
 
 
@@ -144,7 +144,7 @@ def _less_product(a: Spatial, u: Gate, v: Gate, scale: Node) -> Spatial:
 
 
 def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> Matrix:
-    """Return m - scale a b^T; if it is symmetric, only one half is computed."""
+    """Return m - scale a b^T; if symmetric, only one half is computed."""
     rows = [[m[i][j] for j in range(3)] for i in range(3)]
     for i in range(3):
         for j in range(3):
@@ -156,10 +156,10 @@ def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> M
 
 
 def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spatial:
-    """Defer the term of a speed; along a coordinate axis, set its row and column to zero."""
+    """Defer the term of a speed; if s is a coordinate axis, set its row and column to zero."""
     zero, parts = wrench.inverse.dag.zero, (*shifting, *turning)
     axis, *others = (i for i, part in enumerate(parts) if not part.is_zero)
-    # After subtraction of w w^T / d, the inertia's row and column of s are exactly zero. If s is a
+    # Subtracting w w^T / d makes the inertia's row and column of s exactly zero. If s is a
     # coordinate axis, these entries become structural zeros.
     if others or parts[axis].value not in (1.0, -1.0):
         axis = _NO_AXIS
@@ -172,7 +172,7 @@ def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spat
             ]
         )
 
-    # The removed entries must not be subtracted again.
+    # These entries are already zero, so nothing is subtracted from them later.
     left = [zero if i == axis else x for i, x in enumerate((*wrench.force, *wrench.torque))]
     taken = Gate((left[0], left[1], left[2]), (left[3], left[4], left[5]), wrench.inverse)
     return Spatial(
@@ -192,12 +192,12 @@ def shifted(a: Spatial, arm: Vector) -> Spatial:
     skew = _skew(arm)
     moved = vector.matmul(a.force, skew)
     coupling = _minus(a.coupling, moved)
-    # J - E^T R + R E - R F R with R F R = R (F R) and R E - R F R = R (E - F R).
+    # The torque part is J - E^T R + R E - R F R, with R E - R F R = R (E - F R).
     across = vector.matmul(vector.transpose(a.coupling), skew)
     torque = vector.matadd(_minus(a.torque, across), vector.matmul(skew, coupling))
     x, y, z = torque
     symmetric = (x, (x[1], y[1], y[2]), (x[2], y[2], z[2]))
-    # Deferred wrenches move with the reference point, like any wrench.
+    # Deferred wrenches are shifted to the new reference point like all wrenches.
     taken = tuple(
         replace(w, torque=vector.add(w.torque, vector.cross(arm, w.force))) for w in a.taken
     )
@@ -217,34 +217,34 @@ class HeldColumn(Protocol):
 
     @property
     def sizes(self) -> Sequence[Node]:
-        """Sums of the squared terms in the multiplier's row, without cancellation."""
+        """Sum of the squared terms of each entry in the multiplier's row, without cancellation."""
 
 
 @dataclass(frozen=True)
 class TreeLink:
-    """A moving branch of a tree, with vectors in the parent's basis."""
+    """A moving branch of a tree; vectors are in the parent's basis."""
 
     parent: int  # index of the parent link, counted from one; zero is the ground
     speeds: tuple[int, ...]  # indices of its accelerations among the unknowns
-    #: Angular acceleration of the link and acceleration of its origin, per unit of each speed.
+    #: Angular acceleration of the link, and acceleration of its origin, per unit of each speed.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
     offset: Vector  # vector from the parent's origin to the link's origin
     step: Matrix | None  # rotation from the link's basis to the parent's basis; None if equal
     #: Mass, first and second moment about the link's origin, in the link's basis.
     inertia: tuple[Node, Vector, Matrix] | None
-    #: Whether the terms w w^T / d of its speeds are subtracted after the shift by the offset.
+    #: Whether the terms w w^T / d of its speeds are subtracted only after the shift by the offset.
     is_deferred: bool = False
 
 
 @dataclass(frozen=True)
 class TreeFactors:
-    """The factors of a mass matrix along its tree, bordered by constraints."""
+    """Factors of a mass matrix that is bordered by constraints, computed along the tree."""
 
     dag: Dag  # arena of the nodes
     links: tuple[TreeLink, ...]  # moving branches, parents first
-    #: Wrench per unit of each speed, divided by the pivot, in the order of elimination and from a
-    #: branch's last speed to its first. Its component along an axis of the speed is 1.
+    #: Wrench per unit of each speed, divided by the pivot, in the order of elimination: from a
+    #: branch's last speed to its first. Its component along the speed is 1.
     gates: tuple[tuple[Gate, ...], ...]
     n_speeds: int  # number of accelerations
     border: tuple[tuple[Node, ...], ...] = ()  # coefficients of accelerations in border rows
@@ -269,7 +269,7 @@ class TreeFactors:
         return [*free, *(multipliers.get(i, self.dag.zero) for i in range(len(rest)))]
 
     def inverses(self) -> dict[int, Node]:
-        """Return the reciprocals of all pivots by speed."""
+        """Return the reciprocals of all pivots by index of the speed."""
         return {
             link.speeds[speed]: gate.inverse
             for link, gates in zip(self.links, self.gates, strict=True)
@@ -286,18 +286,18 @@ class TreeFactors:
             for i in range(len(self.links) - 1, -1, -1):
                 link, gates = self.links[i], self.gates[i]
                 if loads[i + 1] is nothing and all(rest[at].is_zero for at in link.speeds):
-                    continue  # a constraint may act on only two of many bodies
+                    continue  # no load: a constraint may act on only two bodies
                 force, torque = (_up(link, part) for part in loads[i + 1])
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
-                    # u = tau - s.p is the effort that accelerates this speed.
+                    # u = tau - s . p is the effort that accelerates this speed.
                     rest[at] = rest[at] - _power(link, speed, force, torque)
                     # The force p + w u / d acts on the parent.
                     force = vector.add(force, vector.scale(rest[at], gate.force))
                     torque = vector.add(torque, vector.scale(rest[at], gate.torque))
                 if link.parent:
                     known = loads[link.parent]
-                    # Terms that depend on the force are added last, for a short critical path.
+                    # The term that depends on the force is added last, for a short critical path.
                     torque = vector.add(known[1], torque)
                     torque = vector.add(torque, vector.cross(link.offset, force))
                     loads[link.parent] = (vector.add(known[0], force), torque)
@@ -308,14 +308,14 @@ class TreeFactors:
                 if still and all(rest[at].is_zero for at in link.speeds):
                     moved.append(nothing)
                     continue
-                # Outwards: with the parent's acceleration a, each speed is (u - w.a) / d.
+                # With the parent's acceleration a, the acceleration along s is (u - w . a) / d.
                 linear, angular = moved[link.parent]
-                # Velocity terms are in the right-hand side, so that an arm r adds only alpha x r.
+                # Velocity terms are in the right-hand side, so an arm r adds only alpha x r.
                 linear = vector.add(linear, vector.cross(angular, link.offset))
                 for speed, gate in zip(reversed(_outwards(link)), reversed(gates), strict=True):
                     at = link.speeds[speed]
                     given = gate.inverse * rest[at] - vector.dot(gate.force, linear)
-                    # Last, since this term cancels below if the speed rotates about this axis.
+                    # Added last: this term cancels below if the speed rotates about this axis.
                     found[at] = given - vector.dot(gate.torque, angular)
                     linear = vector.add(linear, vector.scale(found[at], link.shifting[speed]))
                     angular = vector.add(angular, vector.scale(found[at], link.turning[speed]))
@@ -333,7 +333,7 @@ def factorise_bordered(
 ) -> RankedSolver:
     """Factorise a bordered mass matrix [M, -G^T; -G, 0]; with ``links``, along its tree.
 
-    With ``links``, the rows of M are not used. ``sizes`` contains the squared terms of each
+    With ``links``, M itself is not used. ``sizes`` contains the squared terms of each
     multiplier's row. The last unknowns, ``holding``, are multipliers of friction and stops.
     """
     n = len(matrix) - len(sizes) - len(holding)
@@ -369,7 +369,7 @@ def factorise_tree(
 ) -> TreeFactors:
     """Propagate articulated inertias inwards, and eliminate the accelerations from the border.
 
-    ``links`` have positive pivots, parents first. ``border`` contains the coefficients of the
+    ``links``, parents first, have positive pivots. ``border`` contains the coefficients of the
     accelerations in the multipliers' rows, ``sizes`` the squared terms of these rows.
     """
     carried: list[Spatial | None] = [None] * (len(links) + 1)
@@ -380,7 +380,7 @@ def factorise_tree(
             alone = None if link.inertia is None else rigid(*link.inertia)
             own = total(alone, carried[i + 1]) or nothing(dag)
             if link.step is not None:
-                # Motion spaces are in the basis of the parent.
+                # Motion spaces are resolved in the parent's basis.
                 own = resolved(own, link.step)
             found = []
             for speed in _outwards(link):
@@ -394,18 +394,18 @@ def factorise_tree(
     bare = TreeFactors(dag, tuple(links), tuple(gates), n_speeds)
     if not border:
         return bare
-    # M^-1 times each column of the border; the matrix of the multipliers is -G M^-1 G^T.
+    # Columns of M^-1 G^T; the matrix of the multipliers is -G M^-1 G^T.
     responses = tuple(tuple(bare.solve(row)) for row in border)
-    # In the row of a constraint between two bodies, most entries are zero.
+    # A constraint between two bodies has mostly zeros in its row.
     entries = [_entries(row) for row in border]
     n = range(len(border))
     with dag.labelled("elimination"):
         core = [[dag.zero for _ in n] for _ in n]
         for i in n:
             for j in range(i + 1):
-                # The matrix is symmetric, since M^-1 is: only one half is computed.
+                # The matrix is symmetric: only one half is computed.
                 core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
-        # The sum of squared gradient entries over the pivots is the diagonal without cancellation.
+        # The diagonal without cancellation is the sum of squared gradient entries over the pivots.
         inverses = bare.inverses()
         diagonal = tuple(
             kept_size(
@@ -418,13 +418,13 @@ def factorise_tree(
         bare,
         border=tuple(map(tuple, border)),
         responses=responses,
-        # Multipliers of redundant constraints may be indeterminate, so none needs to be unique.
+        # Multipliers of redundant constraints are indeterminate: uniqueness is not required.
         core=Core(tuple(n), tuple(map(tuple, core)), diagonal, 0),
     )
 
 
 def _outwards(link: TreeLink) -> range:
-    """Return the speeds of a branch in the order of elimination, the outermost first."""
+    """Return the speeds of a branch in the order of elimination: the outermost first."""
     return range(len(link.speeds) - 1, -1, -1)
 
 

@@ -1,7 +1,7 @@
-"""Sensitivity graphs G2, G3, ...: the formulation, evaluated with differentiated variables.
+"""Sensitivity graphs G2, G3, ...: the formulation in dual numbers.
 
 Columns of the Jacobian, parameter sensitivities and initial-value sensitivities differ only in
-their seeds; each direction yields one :class:`~cotree.equations.Derivative`.
+their seeds. Each direction yields one :class:`~cotree.equations.Derivative`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 
 class Changes(Sums):
-    """Sums of wrenches on clusters, with nonzero tangents as dual numbers."""
+    """Sums of wrenches on clusters; sums that change along the seed are dual numbers."""
 
     def __init__(self, motion: Motion, first: Balance) -> None:
         super().__init__(len(motion.omega))
@@ -70,32 +70,32 @@ class Changes(Sums):
 
     def at(self, cluster: int) -> Wrench | None:
         """Return a cluster's sum, or None if neither the sum nor the cluster's motion changes."""
-        # Tangents of projections and moments, which are products, also need the sum's value.
+        # Projections and moments are products, so their tangents also need the value of the sum.
         first, change = self._first[cluster], super().at(cluster)
         if change is None:
-            # The sum is constant, but the motion spaces on which it is projected rotate.
+            # The sum is constant, but the motion spaces onto which it is projected may rotate.
             return None if self._frames.is_kept(cluster) else first
         return Wrench(varied(first.force, change.force), varied(first.torque, change.torque))
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Return whether a wrench formed from these nodes changes."""
+        """Return whether a wrench that is formed from ``parts`` changes along the seed."""
         return not self._frames.is_kept(cluster) or is_varied(*parts)
 
 
 def residual_tangents(
     view: View, loads: Loads, balance: Balance, applied: Sequence[Applied]
 ) -> list[Node]:
-    """Form the projected f-cutset equations of a sensitivity graph, one per coordinate.
+    """Form the tangents of the projected f-cutset equations, one per coordinate.
 
     Coordinate accelerations are constant; ``loads`` and ``balance`` are the first graph's.
     """
     motion = view.motion
-    # The first graph's traversal in dual numbers: terminal equations (Eq. (4)), f-cutsets (Eq.
-    # (1)), and projection on the motion spaces (Eq. (5)).
+    # Repeat the first graph's traversal in dual numbers: terminal equations (Eq. (4)), f-cutsets
+    # (Eq. (1)), and projection onto the motion spaces (Eq. (5)).
     changes, loaded = Changes(motion, balance), _loads(view, loads, applied)
     gather_chords(motion, loaded, view.across, changes)
     rows = project_cutsets(motion, loaded, changes)
-    # The values are the first graph's balances, which are zero; only tangents are used.
+    # The values of the rows are the first graph's balances, which are zero.
     return [tangent_of(row) for row in rows]
 
 
@@ -113,7 +113,7 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
 def _is_reached(motion: Motion, action: Action) -> bool:
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
-    # If a node moves, the across variable between the two nodes changes even if no field does.
+    # If an end of the edge moves, the across variable changes even if no field does.
     if not all(frames.is_kept(point.cluster) for point in points):
         return True
     if is_varied(*(frames.seen(value) for value in edge.scalars.values())):
@@ -123,32 +123,32 @@ def _is_reached(motion: Motion, action: Action) -> bool:
 
 
 def _pulls(view: View, applied: Sequence[Applied]) -> Iterator[Pull]:
-    """Yield the changing pulls of through variables; multipliers themselves are constant."""
+    """Yield the pulls of through variables that change; multipliers are held constant."""
     for row in applied:
         with view.motion.system.dag.labelled(f"through variable of {row.edge}"):
-            # The derivative of a multiplier is an unknown; here only its pull changes.
+            # The derivative of a multiplier is an unknown on the left-hand side.
             amount = row.magnitude if row.formula is None else row.amount(view)
             yield row.measure.pull(view).scaled(amount)
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Index from each symbol to the values that depend on it, so that only these are visited."""
+    """For each symbol, the indices of the values that depend on it, so that others are skipped."""
 
     #: Indices of outputs, and of initial values, by symbol.
     outputs: Mapping[Node, list[int]]
     initial: Mapping[Node, list[int]]
-    #: Indices of outputs that depend on unknowns, which change along every direction.
+    #: Indices of outputs that depend on unknowns and so change along every direction.
     moving: tuple[int, ...]
     starts: tuple[Node, ...]  # initial values
-    #: For each symbol, the indices of constraints, and of through variables along measures.
+    #: Indices of constraints, and of through variables along measures, by symbol.
     held: Mapping[Node, list[int]]
     pulled: Mapping[Node, list[int]]
 
     @classmethod
     def of(cls, first: FirstGraph, changing: Iterable[Node]) -> Reach:
-        """Index all values in the equations by the symbols that may change."""
-        # Only symbols that change along at least one direction are indexed.
+        """Index the values in the equations by the symbols ``changing`` and the unknowns."""
+        # Index only symbols that change along at least one direction.
         among = {*changing, *first.unknowns, *first.measured}
         outputs = _by_symbol(first.outputs.values, among)
         # Reactions in friction fields contain accelerations.
@@ -181,7 +181,7 @@ def _by_symbol(nodes: Sequence[Node], among: set[Node]) -> dict[Node, list[int]]
 
 def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[Node, list[int]]:
     found: defaultdict[Node, dict[int, None]] = defaultdict(dict)
-    # All nodes of all rows are traversed only once; `places` contains the row of each node.
+    # One traversal covers all nodes of all rows; `places` contains the row of each node.
     places = [i for i, row in enumerate(rows) for _ in row]
     for i, symbols in zip(places, symbols_of_each([*chain(*rows)], among), strict=True):
         for symbol in symbols:
@@ -210,7 +210,7 @@ def derived_parameters(
 
 
 def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
-    """Raise ParameterError for repeated names, and names without sensitivity."""
+    """Raise ParameterError if a name is repeated or has no sensitivity."""
     tunable = list(first.system.tunable)
     states = [state.name for state in first.states]
     derived = {row.name: row for row in derived_parameters(first)}
@@ -236,7 +236,7 @@ def differentiate(
     first: FirstGraph, directions: Mapping[str, Mapping[Node, Node]], support: Support
 ) -> list[Derivative]:
     """Evaluate sensitivity graphs; ``directions`` maps names to the tangents of symbols."""
-    # For each direction, only the values that depend on its symbols are visited.
+    # The index limits the work along each direction to values that depend on its symbols.
     reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
     if first.network is None:
         return [
@@ -244,7 +244,7 @@ def differentiate(
         ]
     # Fields of the networks may contain across variables of the multibody system.
     ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]
-    # Port measures couple the mechanism to the networks, `seeds` the networks to the mechanism.
+    # Port measures link the mechanism to the networks; `seeds` link the networks to it.
     couplings = coupling_tangents(first, ahead, support)
     networks = network_tangents(first.network, ahead, couplings, support)
     return [
@@ -283,7 +283,7 @@ def _along(
 ) -> Derivative:
     """Evaluate one multibody sensitivity graph, and add the tangents of the networks."""
     dag = first.system.dag
-    # Symbols represent the across variables in fields; they change with the states.
+    # Across variables in fields are symbols, whose tangents follow from those of the states.
     symbols = {**symbols, **_measured_tangents(first, {**symbols, **of_networks})}
     seed = Seed(dag, symbols, support)
     with derivatives_labelled(dag):
@@ -292,7 +292,7 @@ def _along(
         pulled = [first.applied[i] for i in sorted({*touched, *_turned_pulls(first, view)})]
         residual = residual_tangents(view, first.loads, first.balance, pulled)
         rate = first.constraints.baumgarte
-        # Constraints that do not depend on the direction have zero derivatives at all levels.
+        # Constraints that do not depend on the direction have zero tangents at all levels.
         n_held = len(first.constraints.rows)
         held = [(dag.zero, dag.zero, dag.zero)] * n_held
         sticking = [dag.zero] * len(first.holdings)
@@ -308,20 +308,20 @@ def _along(
                 sticking[i - n_held] -= share * (value_of(acceleration) + row.multiplier)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
-        # Reactions in joint friction change with the accelerations.
+        # Reactions in joint friction depend on the accelerations.
         along = _measured_tangents(first, of_unknowns) if first.reactions else {}
         of_reactions = {symbol: d for symbol, d in along.items() if symbol in first.reactions}
         of_unknowns |= of_reactions
-        # Friction forces change with their multipliers.
+        # Friction forces depend on their multipliers.
         of_reactions |= {row.multiplier: of_unknowns[row.multiplier] for row in first.holdings}
-        # The rates of the networks come last; the networks' own sensitivity graphs determine them.
+        # The networks' rates come last; their tangents come from the networks' sensitivity graphs.
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
         rates |= {n + i: changed for i, changed in network_rates.items()}
-        # Sticking friction on a joint depends on accelerations, which always change.
+        # Sticking friction on a joint depends on accelerations, which change along any direction.
         for i, d in _tangents_at(first.rates, range(n, len(first.rates)), of_unknowns).items():
             rates[i] = rates[i] + d if i in rates else d
-        # The graph contains the tangents of positions and velocities in outputs.
+        # The sensitivity graph has the tangents of positions and velocities in outputs.
         of_networks = _with_reactions(first, of_networks, of_reactions)
         of_nodes = {**of_networks, **output_tangents(view.motion, first.outputs)}
         touched = [i for symbol in symbols for i in reach.outputs.get(symbol, ())]
@@ -330,14 +330,14 @@ def _along(
             [*touched, *reach.moving],
             {**symbols, **of_unknowns, **_sums(symbols, of_reactions), **of_nodes},
         )
-        # Initial values depend on parameters, not on states.
+        # Initial values depend on parameters, but not on states.
         started = [i for symbol in symbols for i in reach.initial.get(symbol, ())]
         initial = _tangents_at(reach.starts, started, symbols)
     return Derivative(
         name,
         dict(symbols),
-        # A w_p = b_p - A_p w. The residual of the balances is A w - b, while the rows below contain
-        # -G, so that the two parts have opposite signs.
+        # A w_p = b_p - A_p w. The balances' residual is A w - b, while the rows of constraints
+        # contain -G: the signs are opposite.
         (*(-row for row in residual), *(acceleration for _, _, acceleration in held), *sticking),
         rates,
         outputs,
@@ -370,7 +370,7 @@ def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[
 
 
 def _turned_pulls(first: FirstGraph, view: View) -> list[int]:
-    """Return the pulls whose basis rotates along the seed, even with constant components."""
+    """Return the indices of the pulls whose basis rotates along the seed."""
     turned = view.motion.frames.turned
     if not turned:
         return []
@@ -394,7 +394,7 @@ def _held_tangents(view: View, measure: Measure, baumgarte: float) -> tuple[Node
 def state_columns(first: FirstGraph, support: Support) -> tuple[Derivative, ...]:
     """Return the derivatives along each state, which are the columns of the Jacobian."""
     one = first.system.dag.one
-    # The seed of a column is a unit change of one state.
+    # The direction of a column is a unit change of one state.
     directions = {state.name: {state.symbol: one} for state in first.states}
     return tuple(differentiate(first, directions, support))
 
@@ -420,7 +420,7 @@ def form_derivatives(
     support = support or Support()
     directions = {}
     for j, name in enumerate(wanted):
-        # The states change as well; their sensitivities are states of the extended system.
+        # The states change too: their sensitivities are states of the extended system.
         directions[name] = {
             state.symbol: dag.symbol(SENSITIVITY, j * n + i) for i, state in enumerate(first.states)
         }
@@ -441,9 +441,9 @@ def _with_inputs(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, 
 
 
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
-    """Return the direction that changes the initial value of one state by one, and nothing else."""
+    """Return the direction along which only the initial value of one state changes, by one."""
     own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
-    # An initial value affects only the start; the derivative of its state is one there.
+    # Initial values affect only the start, at which the derivative of the state is one.
     return replace(direction, initial={own: first.system.dag.one})
 
 
@@ -487,7 +487,7 @@ def form_equations(
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support) if with_columns else (),
         guards=first.guards,
-        # Modes are between the speeds and the states of the networks.
+        # Modes are counted here because they lie between the speeds and the networks' states.
         n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
         n_modes=len(system.modes),
         events=first.events,
@@ -528,17 +528,17 @@ def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support
 
 def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
     """Replace the symbols in fields by the across variables that they represent."""
-    # Measured network variables may depend on measured variables of the multibody system.
+    # Measured network variables may depend on measured multibody variables.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
 
     def closed(nodes: Sequence[Node]) -> tuple[Node, ...]:
         return tuple(substitute(nodes, known))
 
-    # The matrix contains the inertia of storages that are coupled to joints.
+    # The matrix contains the inertias of storages that are coupled to joints.
     still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
         equations.with_derivatives(known),
-        # Terms of accelerations in fields are in the matrix, and hence zero here.
+        # Terms of accelerations in fields are part of the matrix, hence zero in the forcing.
         forcing=tuple(substitute(closed(equations.forcing), still)),
         rates=closed(equations.rates),
         balances=closed(equations.balances),
@@ -547,7 +547,7 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
 
 
 def _gather_constraints(first: FirstGraph) -> ConstraintSet:
-    """Collect the constraints for projection, start and reports."""
+    """Collect the constraints for projection, for the start and for reports."""
     rows = first.constraints
     steps = [step for own in first.system.steps.values() for step in own]
     redundant = first.network.redundant if first.network else ()
@@ -566,8 +566,8 @@ def _gather_constraints(first: FirstGraph) -> ConstraintSet:
         ),
         start_rows=tuple(Quantity(row.name, row.unit) for row in first.conditions),
         start_is_rate=tuple(row.is_rate for row in first.conditions),
-        # The start requires this order of the three blocks: conditions on chords, values of
-        # redundant variables that follow from states, and their prescribed initial values.
+        # The start requires this order: conditions on chords, values of redundant variables that
+        # follow from states, prescribed initial values of these variables.
         start_values=(
             *(
                 (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
@@ -591,7 +591,7 @@ def _start_tangents(
     """Differentiate :attr:`ConstraintSet.start_values`; ``of_networks`` are network tangents."""
     network = first.network
     redundant = network.redundant if network else ()
-    # The three blocks are in the order of `start_values`.
+    # The order of the three blocks is that of `start_values`.
     values = [network.solved.values[row.variable] for row in redundant] if network else []
     return (
         *(
@@ -605,16 +605,16 @@ def _start_tangents(
 
 
 def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
-    """Return the values, from states and sources, that redundant initial values must match."""
+    """Return the values of redundant variables that follow from states and sources."""
     if first.network is None or not redundant:
         return []
     measured = first.measured
-    # Measured values may contain other measured values, so they are substituted twice.
+    # Measured values may contain other measured values, so substitute twice.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
     values = substitute([first.network.solved.values[row.variable] for row in redundant], known)
     unknowns = set(first.unknowns)
     for row, value in zip(redundant, values, strict=True):
-        # The start depends on states and parameters only; accelerations are computed later.
+        # The start depends only on states and parameters; accelerations are computed later.
         if not unknowns.isdisjoint(symbols_in([value])):
             raise ParameterError(
                 f"'{row.name}' depends on accelerations, so it cannot have an initial value: "

@@ -1,4 +1,4 @@
-"""Sensitivity graphs of the scalar networks: all directions at once, without zero tangents."""
+"""Sensitivity graphs of the scalar networks, for all directions at once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class NetworkTangents:
     """Derivatives of the networks along several numbered directions."""
 
     rates: tuple[Tangent, ...]  # tangents of state rates and of residuals
-    #: Derivatives of the values in outputs, fields and initial values.
+    #: Derivatives of the values that occur in outputs, fields and initial values.
     observed: Mapping[Node, Tangent]
 
     @cached_property
@@ -43,7 +43,7 @@ class NetworkTangents:
 
 
 def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key, Node]]:
-    """Group derivatives by direction instead of by key."""
+    """Regroup derivatives from keys to directions."""
     found: defaultdict[Hashable, dict[_Key, Node]] = defaultdict(dict)
     for key, row in rows:
         for direction, node in row.items():
@@ -53,7 +53,7 @@ def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key
 
 @dataclass
 class _Seeds:
-    """Differentiates symbols and fields along all directions on which they depend."""
+    """Derivatives of symbols and fields along the directions on which they depend."""
 
     directions: Sequence[Mapping[Node, Node]]
     couplings: Mapping[Node, Tangent]
@@ -64,20 +64,20 @@ class _Seeds:
         for i, symbols in enumerate(self.directions):
             for symbol, d in symbols.items():
                 if not d.is_zero:
-                    # Grouped by symbol, so that each field visits only directions that change it.
+                    # By symbol, so that each field visits only the directions that change it.
                     self._by_symbol[symbol][i] = d
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
-        # Tangents of the mechanism's across variables come from its sensitivity graphs.
+        # The mechanism's sensitivity graphs have the tangents of its across variables.
         if node in self.couplings:
             return self.couplings[node]
         if node.value is not None:
             return {}
-        # tangents of the field's symbols, for each direction that changes one of them
+        # For each direction, the tangents of the symbols in the field.
         touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
-        # Sorted, since the order of directions affects the generated text and set order varies.
+        # Sorted, because the generated text depends on the order and sets have none.
         for symbol in sorted(self.support.of(node), key=attrgetter("index")):
             for i, d in self._by_symbol.get(symbol, {}).items():
                 touched[i][symbol] = d
@@ -94,14 +94,14 @@ def network_tangents(
     """Differentiate the networks; ``couplings`` are tangents of multibody variables at ports."""
     from cotree.formulation.networks.solved import differentiate_plan
 
-    # All directions are evaluated together, so partial derivatives of laws are computed once.
+    # Evaluating all directions together forms each partial derivative of a law only once.
     d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))
     return NetworkTangents(
         tuple(d[variable] for variable in network.rates),
         {
             network.solved.values[variable]: d[variable]
             for variable in network.watched
-            # Constants have no derivative, and one constant node could represent several variables.
+            # Constants have no derivative; also, several variables may be the same constant node.
             if network.solved.values[variable].value is None
         },
     )
@@ -110,16 +110,16 @@ def network_tangents(
 def coupling_tangents(
     first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
 ) -> dict[Node, Tangent]:
-    """Differentiate values, rates and accelerations measured at the networks' ports."""
+    """Differentiate the values, rates and accelerations that the networks' ports measure."""
     measured = {
         getattr(coupling, form): (coupling.measure, form)
         for coupling in first.couplings
         for form in ("value", "rate", "acceleration")
     }
-    # The seed already contains the tangents of values that are symbols or constants.
+    # The seed already contains the tangents of symbols.
     found: dict[Node, Tangent] = {node: {} for node in measured if node is not None and node.args}
     for i, symbols in enumerate(directions):
-        # A sensitivity graph is evaluated only for directions that change a port's measure.
+        # A direction that changes no port measure needs no sensitivity graph.
         touched = [node for node in found if not support.of(node).isdisjoint(symbols)]
         if touched:
             with derivatives_labelled(first.system.dag):
