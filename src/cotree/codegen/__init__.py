@@ -1,1 +1,1 @@
-"""Generation of C text: nodes become expressions and statements, which templates arrange."""
+"""Generation of C text: nodes become expressions and statements, which fill templates."""

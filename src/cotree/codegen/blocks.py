@@ -1,7 +1,7 @@
 """Division of long kernels into blocks, and a bound of the stack size of a function.
 
-Compile time and register allocation depend on the longest function. Blocks, functions with their
-own temporaries, end at statements where few values cross; arrays of the caller pass these values.
+Compile time and register allocation depend on the longest function. Blocks are functions with their
+own temporaries. They end where few values cross to later blocks; the caller's arrays pass these on.
 """
 
 from __future__ import annotations
@@ -45,49 +45,49 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import CExpression, Form, FunctionPart, Statement, Temporary
 
 
-#: Size of a number and of the widest vector of any machine, [byte].
+#: Sizes of a number and of the widest vector on any machine, [byte].
 NUMBER, VECTOR = 8, 64
 
-#: Sizes of return address with frame pointer, and of words, pointers and arguments, [byte].
+#: Sizes of the return address with frame pointer, and of a word, pointer or argument, [byte].
 _LINK, _WORD = 16, 8
-#: Divisor of frame sizes, [byte]; arrays that are loaded into vectors are aligned to whole vectors.
+#: Frame sizes are multiples of this, [byte]; arrays loaded into vectors are aligned to vectors.
 _ALIGNMENT = 16
 #: Size of a saved register, with padding, in a function that makes calls, [byte].
 _SAVED = 16
-#: Maximum number of intermediate values that are stored during calls of other functions.
+#: Number of intermediate values that may be stored during calls of other functions.
 _MOST_WAITING = 3
 
-# Stack sizes of functions that all models share, by gcc 12 (-O0 -mno-red-zone -fstack-usage).
-#: Stack sizes of elimination in loops and of table lookups, [byte].
+# Stack sizes of the functions for elimination in loops and table lookup, [byte]. This and the next
+# stack sizes are those of gcc 12 (-O0 -mno-red-zone -fstack-usage).
 _HELPERS = {"cotree_factorise": 112, "cotree_table": 72, "cotree_cubic": 152, "cotree_plane": 192}
 _HELPERS |= {"cotree_held_table": 96, "cotree_held_plane": 256}
 #: Stack size of the function that computes several sines, [byte].
 _SINES = 1632
-#: Stack sizes of the elimination of one to three unknowns without loops, [byte].
+#: Stack sizes of the straight-line elimination of one to three unknowns, [byte].
 _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 
 
 def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: int = NUMBER) -> int:
     """Return an upper bound of the stack size of a function with its callees, [byte].
 
-    The bound is that of gcc on 64-bit machines without optimisation, which stores every declared
-    value and every argument on the stack. Optimised frames are smaller, usually by a third.
-    ``called`` has the stack sizes of functions that it may call; functions of the C library and of
+    The bound holds for gcc on 64-bit machines without optimisation, when every declared value and
+    every argument is stored on the stack. Optimised frames are smaller, usually by a third.
+    ``called`` has the stack sizes of the functions it may call; functions of the C library and of
     users are not counted. ``real`` is the size of a number, [byte].
     """
     inner = [(function.body, len(function.arguments)) for function in blocks.functions]
     own = [(blocks.statements, n_arguments), *inner]
-    # Statements contain the names of the functions that they call.
+    # A function is called if its name occurs in a statement.
     names = {key for rows, _ in own for row in rows for key in uses(row)}
     sizes = [size for name, size in called.items() if name in names]
     sizes += [_of_helper(name) for name in names if isinstance(name, str)]
-    # Blocks are called one after another, so only the largest frame counts.
+    # Blocks are called one after another: only the largest frame counts.
     deepest = max((_frame(*rows, real) for rows in inner), default=0)
     return _frame(blocks.statements, n_arguments, real) + deepest + max(*sizes, 0, 0)
 
 
 def _of_helper(name: str) -> int:
-    """Return the stack size of a shared function and its callees, or zero for other functions."""
+    """Return the stack size of a shared function and its callees; zero for all other functions."""
     base, _, size = name.rpartition("_")
     if base == "cotree_factorise" and size.isdecimal():
         n = int(size)
@@ -98,7 +98,7 @@ def _of_helper(name: str) -> int:
 def _frame(statements: Iterable[Statement], n_arguments: int, real: int) -> int:
     """Return the size of one stack frame, [byte]."""
     rows = list(statements)
-    # A loop needs a counter and parts of indices.
+    # Each loop needs a counter and parts of indices.
     declared = _WORD * (n_arguments + 4 * any(isinstance(row, Loop) for row in rows))
     n_calls, is_aligned, is_computed = 0, False, False
     for row in simple(rows):
@@ -111,7 +111,7 @@ def _frame(statements: Iterable[Statement], n_arguments: int, real: int) -> int:
         n_calls += sum(_calls_in(e.form) for e in row.expressions)
         is_computed |= any(e.form.n_operations > 1 for e in row.expressions)
     declared += real * (min(n_calls, _MOST_WAITING) + is_computed)
-    # Alignment takes up to a vector, since the caller's stack is aligned to less.
+    # Alignment adds up to one vector, since the caller aligns the stack to less.
     return _LINK + _rounded(declared, _ALIGNMENT) + _SAVED * (n_calls > 0) + VECTOR * is_aligned
 
 
@@ -125,22 +125,22 @@ def _rounded(size: int, unit: int) -> int:
 
 @lru_cache(maxsize=1 << 12)
 def _calls_in(form: Form) -> int:
-    """Count the functions that an expression calls."""
+    """Return the number of function calls in an expression."""
     row = OPERATIONS.get(form.op)
     is_call = form.op in ("call", "part") or (row is not None and row.is_call)
     return is_call + sum(_calls_in(arg) for arg in form.args)
 
 
-#: Arrays for values that cross between groups of statements, by kind of value.
+#: Names of the arrays for values that cross between groups of statements, by kind of value.
 FRAMES = {REAL: "w", WHOLE: "ranks"}
 
 
 class Crossing:
     """Storage of values that cross between groups of statements, which run in order.
 
-    Temporaries are local to a group: a block of a kernel or a segment of a map. A value that a
-    later group reads is also stored in an array; ``places`` has its element, which is reused when
-    the value is no longer needed. ``lengths`` has the array length of each kind.
+    Temporaries are local to a group, which is a block of a kernel or a segment of a map. A value
+    that a later group reads is also stored in an array: ``places`` maps the value to an element,
+    which is reused after the last read. ``lengths`` has the array length of each kind.
     """
 
     def __init__(self, groups: Sequence[Sequence[Statement]]) -> None:
@@ -161,7 +161,7 @@ class Crossing:
         for i, group in enumerate(groups):
             for row in group:
                 made = declared_by(row)
-                # Temporaries that only their own group reads are not stored.
+                # Temporaries that are read only within their group are not stored.
                 if made is None or last[made] == i:
                     continue
                 if isinstance(row, Assign) and len(row.to) > 1:  # already stored in an array
@@ -171,11 +171,11 @@ class Crossing:
                 if not free[kind]:
                     free[kind].append(self.lengths[kind])
                     self.lengths[kind] += 1
-                # The lowest free element is used, so that the array is short.
+                # Using the lowest free element keeps the array short.
                 slot = heappop(free[kind])
                 self.places[made] = element(FRAMES[kind], slot)
                 leaving.setdefault(last[made], []).append((kind, slot))
-            # Elements are released after the group, since all of its statements may read them.
+            # All statements of a group may read the elements, so they are released after the group.
             for kind, slot in leaving.pop(i, ()):
                 heappush(free[kind], slot)
 
@@ -191,7 +191,7 @@ class Crossing:
         found: list[Statement] = []
         for row in rows:
             if isinstance(row, Assign) and (made := row.declares) in self.places:
-                # The temporary is declared only if statements of the same group read it.
+                # Declare the temporary only if the same group also reads it.
                 own = row.to[:1] if made in reads else ()
                 found.append(Assign((*own, self.places[made]), placed(row.value)))
             else:
@@ -199,11 +199,11 @@ class Crossing:
         return found
 
 
-#: Maximum number of operations in a block. With gcc 12, longer blocks compile more slowly and run
-#: no faster, while shorter ones pass more values through memory.
+#: Maximum number of operations in a block. With gcc 12, longer blocks compile more slowly but run
+#: no faster; shorter blocks pass more values through memory.
 LONGEST_BLOCK = 1_000
 
-#: The caller's status; a block receives a pointer to it, hence the asterisk.
+#: A block receives a pointer to the caller's status, hence the asterisk.
 _BY_POINTER = named("*status")
 _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 
@@ -218,7 +218,7 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True)
 class _Item:
-    """A statement with its comment and the names that it contains."""
+    """A statement, the comment that applies to it, and the names that it contains."""
 
     row: Statement
     comment: str
@@ -232,7 +232,7 @@ class _Item:
 
     @property
     def is_kept(self) -> bool:
-        """Whether the statement also stores the declared value in an array."""
+        """Whether the statement stores the declared value in an array, too."""
         return isinstance(self.row, Assign) and len(self.row.to) > 1
 
     @property
@@ -253,14 +253,15 @@ def cut_into_blocks(
 
     ``names`` is the C name of the blocks, with ``{}`` for the number. ``results`` are arrays that
     no statement reads; their elements are written as soon as they are known. ``longest`` is the
-    maximum number of operations in a block, except for longer loops and single statements.
+    maximum number of operations in a block; a loop or a single statement may exceed it.
     """
     whole = Blocks([], list(statements))
     if n_operations(statements) <= longest:
         return whole
     writer = _BlockCutter(names, arguments, statements)
     items = list(_items(statements))
-    # Statements that may return stay in the kernel, after the calls; earlier ones forbid blocks.
+    # Statements that may return must stay in the kernel, after the calls of blocks. If such a
+    # statement is not at the end, the kernel is not divided.
     n_exits = sum(item.is_exit for item in items)
     body, exits = items[: len(items) - n_exits], items[len(items) - n_exits :]
     if any(item.is_exit for item in body):
@@ -280,7 +281,7 @@ def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
     for row in statements:
         if isinstance(row, Comment):
             comment = row.text
-        # Blocks declare their own arrays and tables; the kernel declares arrays shared by blocks.
+        # Each block declares its arrays and tables; the kernel declares those of several blocks.
         elif not isinstance(row, ConstantTable) and not (isinstance(row, Array) and not row.values):
             yield _Item(row, comment, uses(row), n_operations((row,)))
 
@@ -288,7 +289,7 @@ def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
 def _written_early(
     items: Sequence[_Item], results: Collection[str], arrays: Collection[str]
 ) -> list[_Item]:
-    """Move each result to the point at which all its arguments are known."""
+    """Move each assignment of a result to the point at which all its arguments are known."""
     known: dict[str | Temporary, int] = {}
     moved: list[list[_Item]] = [[] for _ in items]
     for i, item in enumerate(items):
@@ -296,7 +297,7 @@ def _written_early(
             place = max((known.get(name, 0) for name in item.names), default=0)
             moved[place].append(item)
             continue
-        # Results that are moved to another statement follow it.
+        # Assignments that are moved to this statement follow it.
         moved[i].insert(0, item)
         if item.makes:
             known[item.makes] = i
@@ -307,13 +308,13 @@ def _written_early(
 def _choose_cuts(
     items: Sequence[_Item], exits: Sequence[_Item], arrays: Collection[str], longest: int
 ) -> list[int]:
-    """Return the ends of blocks of similar length that the fewest values cross."""
+    """Return the ends of blocks of similar length, chosen such that the fewest values cross."""
     n = len(items)
-    # Live names at a cut: cumulative sum of +1 after each first use and -1 after each last use.
+    # Number of live names at each cut: sum of +1 after first uses and -1 after last uses.
     crossing = np.zeros(n + 2, dtype=np.intp)
     last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
     first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
-    # Stored temporaries do not count; arrays do, since a cut between uses makes them shared.
+    # Stored temporaries do not count. Arrays do: a cut between two uses makes them shared.
     counted: list[str | Temporary] = [name for name in arrays if name in first]
     counted += [item.makes for item in items if item.makes and not item.is_kept]
     for name in counted:
@@ -323,7 +324,7 @@ def _choose_cuts(
     sums = np.array([0, *accumulate(item.n_operations for item in items)])
     cuts = [0]
     while sums[-1] - sums[cuts[-1]] > longest:
-        # The cut is at the last of the places that the fewest values cross.
+        # Cut where the fewest values cross; of equal places, at the last one.
         start = cuts[-1]
         end = max(start + 1, int(np.searchsorted(sums, sums[start] + longest, "right")) - 1)
         begin = int(np.searchsorted(sums, sums[start] + longest // 2))
@@ -336,7 +337,7 @@ def _choose_cuts(
 
 
 class _BlockCutter:
-    """Builds the functions of a divided kernel."""
+    """Writer of the functions of a divided kernel."""
 
     def __init__(
         self, names: str, arguments: Sequence[Argument], statements: Sequence[Statement]
@@ -348,7 +349,7 @@ class _BlockCutter:
         self._shared: list[str] = []  # arrays used by several blocks
 
     def write(self, blocks: Sequence[Sequence[_Item]], exits: Sequence[_Item]) -> Blocks:
-        # The statements that remain in the kernel are the last group.
+        # The statements that stay in the kernel are the last group.
         groups = [*blocks, exits]
         users: dict[str | Temporary, set[int]] = {}
         for number, items in enumerate(groups):
@@ -374,7 +375,7 @@ class _BlockCutter:
         return Blocks(functions, [*frames, *shared, *calls, *crossing.written(len(blocks))])
 
     def _body(self, items: Sequence[_Item], rows: Sequence[Statement]) -> list[Statement]:
-        """Return the statements of one block after the declarations of its arrays and tables."""
+        """Return the statements of a block, preceded by its declarations of arrays and tables."""
         names = {name for item in items for name in item.names}
         filled = {item.row.name for item in items if isinstance(item.row, Array)}
         body: list[Statement] = [

@@ -1,8 +1,8 @@
 """C files of models and integrators, for C projects and for the engines that Python calls.
 
-SUNDIALS is called without its own headers: ``templates/runtime/sundials/cotree_sundials.h``
+SUNDIALS is called without the headers of SUNDIALS: ``templates/runtime/sundials/cotree_sundials.h``
 declares the functions, with a conditional part for each library. CVODES and IDAS are CVODE and IDA
-with a separate vector for each sensitivity.
+with one more vector for each sensitivity.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 @without_collection()
 def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, str]:
-    """Return C texts by file name: model, its headers and, for vectors, ``<model>_vectors.h``."""
+    """Return C texts by file name: model, headers and, for vectors, ``<model>_vectors.h``."""
     vectors, target = {}, model.target
     if model.uses_vectors:
         vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", target, model=model)
@@ -63,8 +63,8 @@ def cdef(header: str, prefix: str) -> str:
 def declarations(texts: Iterable[str], types: Sequence[str] = ()) -> str:
     """Return cffi declarations of exported functions and types, with doubles as numbers.
 
-    Each header follows the headers that it includes; ``types`` names types to declare in addition
-    to those that the functions use.
+    Each header must follow the headers that it includes. ``types`` names further types to declare,
+    besides those that the functions use.
     """
     return f"typedef double cotree_real;\n{exported(texts, types)}"
 
@@ -97,7 +97,7 @@ def sundials_files(library: str) -> dict[str, str]:
 
 @cache
 def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
-    """Return result and arguments of each SUNDIALS function that is called, by name."""
+    """Return the C result type and arguments of each SUNDIALS function that is called, by name."""
     text = sundials_files(library)[_HEADER]
     members = text.partition("typedef struct cotree_sundials {")[2].partition("\n}")[0]
     found = {}
@@ -116,19 +116,19 @@ INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 #: Names of all C steppers: cotree's methods and the SUNDIALS libraries.
 STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
-#: Modules that all engines share and that include only each other; they are compiled once.
+#: Modules that all engines share. They include only each other and are compiled once.
 SHARED_MODULES = ("assembly", "events", "job", "jumps", "least", "run")
 
-#: Context that the templates of all methods have in common.
+#: Context of the templates of all methods.
 _COMMON: dict[str, Any] = {"generator": VERSION, "limits": LIMITS}
 
-#: Sources that are compiled together with a method, so that their functions can be inlined.
+#: Sources compiled in the same unit as a method, so that their functions can be inlined.
 _INLINED = ("cotree_lu.c", "cotree_history.c")
 
 
 def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     """Return the files of a method in ``INTEGRATORS`` or ``FIXED``, without the runtime."""
-    # Methods with fixed steps are only for C projects.
+    # Fixed-step methods exist only in C projects.
     method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
     kind = "fixed" if isinstance(method, FixedStep) else "variable"
     texts = {
@@ -149,12 +149,12 @@ def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, boo
 
 
 def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
-    """Return the C files of the engine of a stepper in ``STEPPERS``, the same for all models."""
+    """Return the C files of the engine of a stepper in ``STEPPERS``, which fit all models."""
     own = dict(stepper_files(name))
     if name in INTEGRATORS:
         own |= method_files(name)
     features = replace(ALL, events=has_events, modes=has_events, discs=has_events)
-    # The structures of a model and of a job are those with all features, as in other libraries.
+    # Structures must have all features, because separately compiled libraries share them.
     whole = {name: header_text(name) for name in ("cotree_abi.h", "cotree_job.h")}
     files = {**with_runtime(own, features=features), **whole}
     parts = [files.pop(part) for part in [*_INLINED, *own] if part.endswith(".c") and part in files]
@@ -162,7 +162,7 @@ def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
 
 
 def shared_files(files: Iterable[str]) -> frozenset[str]:
-    """Return the names of the files that all engines have in common."""
+    """Return the names of the files among ``files`` that all engines have in common."""
     shared = with_runtime(_sources(SHARED_MODULES), has_sources=False)
     return frozenset(shared.keys() & {*files})
 
@@ -201,7 +201,7 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
     )
 
 
-#: Libraries independent of the model: their modules, and those whose headers cffi reads.
+#: Libraries that do not depend on the model: modules to compile, modules whose headers cffi reads.
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "batch": (("batch", "sweep"), (*_JOB_MODULES, "start", "job", "batch")),
     "columns": (("columns",), ("abi", "columns")),

@@ -1,8 +1,7 @@
 """Analysis of C text: tokens, and items at file scope.
 
 The text must follow a convention that formatters preserve: items at file scope begin in the first
-column, bodies are indented, a comment precedes the item that it describes, and paragraphs end with
-an empty line.
+column, bodies are indented, comments precede their item, and empty lines end paragraphs.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 
-#: Pattern of the tokens of C text: comments, strings, words, and the text between these.
+#: Pattern of a token of C text: a comment, a string, a word, or the text between these.
 _TOKEN = re.compile(r'/\*.*?\*/|"(?:[^"\\\n]|\\.)*"|\w+|->|[^\w"/-]+|.', re.DOTALL)
 
 #: Qualifier of functions that other programs call.
 _EXPORT = "COTREE_EXPORT"
-#: Macros before and after the declarations in headers, for C++ compilers.
+#: Macros around the declarations in a header, for C++ compilers.
 _FRAME = ("COTREE_BEGIN_DECLS\n", "COTREE_END_DECLS\n")
 
 
@@ -43,7 +42,7 @@ class Item:
 
     @property
     def is_private(self) -> bool:
-        """Whether the names are local to the file, if it is a source."""
+        """Whether the names are local to the file, provided that the file is a source."""
         head = self.text.partition("{")[0].partition("(")[0].partition("=")[0]
         return not self.is_directive and bool({"static", "COTREE_PRIVATE", "typedef"} & words(head))
 
@@ -115,7 +114,7 @@ def items(text: str) -> list[Item]:
 
 
 def _item(line: str, lines: Iterator[str]) -> Item:
-    """Return the item that begins with ``line``; further lines are taken from ``lines``."""
+    """Return the item that begins with ``line``; ``lines`` yields the lines after it."""
     text = line
     if line in _FRAME:
         return Item(line)
@@ -128,7 +127,7 @@ def _item(line: str, lines: Iterator[str]) -> Item:
             text += (line := next(lines))
         directive, *rest = [token for token in tokens(text) if is_word(token)]
         return Item(text, tuple(rest[:1]) if directive in ("define", "undef") else ())
-    # The call of a macro that generates a function ends with a parenthesis.
+    # A macro call that generates a function ends with a parenthesis.
     head = line.partition("(")[0]
     ends = (";", "}", ")") if head.isidentifier() and head.isupper() else (";", "}")
     depth = line.count("{") - line.count("}")
@@ -144,7 +143,7 @@ def _declared(text: str) -> tuple[str, ...]:
     if head.startswith("typedef ") and "(*" in head:  # a function type
         return (head.partition("(*")[2].partition(")")[0],)
     argument, closed, _ = head.partition("(")[2].partition(")(")
-    if closed and argument.isidentifier():  # the macro generates a function with this name
+    if closed and argument.isidentifier():  # a macro generates a function with this name
         return (f"cotree_{argument}",)
     if "(" in head or "=" in head or not brace:
         head = head.partition("=")[0].partition("(")[0]
@@ -159,9 +158,9 @@ def _declared(text: str) -> tuple[str, ...]:
 def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str, str]:
     """Remove unused items from the files ``shared``, which are the same for every model.
 
-    Exported items remain. So do conditions that are not closed in the same paragraph, such as
-    include guards, and headers without an include guard, whose names depend on macros.
-    Preprocessor conditions in ``texts``, C text by file name, have been evaluated.
+    ``texts`` are C texts by file name, without preprocessor conditions on features. Exported items
+    remain, and also conditions that are not closed in the same paragraph, such as include guards.
+    Headers without an include guard remain because their names depend on macros.
     """
     cut = {
         name
@@ -189,7 +188,7 @@ def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str
 def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
     """Return exported functions, ``types``, and the items that these need, without comments.
 
-    Each header in ``texts`` follows the headers that it includes.
+    Each header in ``texts`` must follow the headers that it includes.
     """
     rows = [item for text in texts for item in items(text) if item.names and not item.is_directive]
     roots = [i for i in rows if _EXPORT in i.text or not {*types}.isdisjoint(i.names)]
@@ -203,7 +202,7 @@ def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
 def _reached(
     fresh: list[tuple[Item, str]], rows: Iterable[tuple[Item, str]]
 ) -> set[tuple[str, str]]:
-    """Return the names that the items ``fresh`` need, also indirectly, with their scopes."""
+    """Return all names, with their scopes, that the items ``fresh`` need directly or indirectly."""
     by_name: dict[str, dict[str, list[tuple[Item, str]]]] = {}
     for row in rows:
         scope = _scope(*row)
@@ -214,7 +213,7 @@ def _reached(
         item, file = fresh.pop()
         for word in words(item.text) & by_name.keys():
             for scope, declared in by_name[word].items():
-                # A header may use macros of the source that includes it.
+                # A header may use macros that are defined in the source that includes it.
                 is_known = scope in ("", file) or not file.endswith(".c")
                 if is_known and (word, scope) not in reached:
                     reached.add((word, scope))
@@ -223,7 +222,7 @@ def _reached(
 
 
 def _scope(item: Item, file: str) -> str:
-    """Return the source to which the names of an item are local, or an empty string."""
+    """Return the source to which the names of an item are local; empty if they are global."""
     is_private = item.is_private or item.text.startswith("#define")
     return file if is_private and file.endswith(".c") else ""
 
@@ -234,7 +233,7 @@ def _is_reached(item: Item, file: str, reached: set[tuple[str, str]]) -> bool:
 
 
 def _parts(paragraph: Sequence[Item], *, is_shared: bool) -> list[tuple[Item, bool]]:
-    """Return groups of items that are removed together, and whether each is always kept."""
+    """Return groups of items that are removed together, and whether each group is always kept."""
     levels = [_level(item) for item in paragraph]
     if not any(levels):
         found = [item for item in paragraph if not item.is_comment]
@@ -245,12 +244,12 @@ def _parts(paragraph: Sequence[Item], *, is_shared: bool) -> list[tuple[Item, bo
 
 
 def _level(item: Item) -> int:
-    """Return 1 for a directive that opens a condition, -1 for its end, and 0 otherwise."""
+    """Return 1 for a directive that opens a condition, -1 for one that closes it, 0 otherwise."""
     return item.text.startswith("#if") - item.text.startswith("#endif")
 
 
 def _without(paragraph: Sequence[Item], file: str, reached: set[tuple[str, str]]) -> str:
-    """Return the used parts of a paragraph, or an empty string if only comments would remain."""
+    """Return a paragraph without unused parts; empty if only comments would remain."""
     kept = {
         part.text
         for part, is_kept in _parts(paragraph, is_shared=True)

@@ -1,4 +1,4 @@
-"""Template data of kernels and models, which templates only arrange as text."""
+"""Template data of kernels and models: texts and numbers that templates arrange without logic."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel, Program
 
 
-#: Event kind of a change in the direction of friction on a plane in space.
+#: Kind of an event that changes the direction of friction on a plane in space.
 _TURN = 6
 
 
@@ -95,17 +95,17 @@ class KernelFile:
 
     @property
     def n_written(self) -> int:
-        """Number of operations in the longest function, on which the compiler flags depend."""
+        """Number of operations in the longest function, which determines the compiler flags."""
         return max((n for body in self.bodies for n in body.written), default=0)
 
     @property
     def n_written_in_all(self) -> int:
-        """Number of operations in all functions."""
+        """Number of operations in all functions together."""
         return sum(n for body in self.bodies for n in body.written)
 
 
 def _written_table(table: Table | LookupData, name: str, target: Target) -> Iterator[Constants]:
-    """Yield the arguments and values of a table as tables of constants."""
+    """Yield the arguments and the values of a table, each as a table of constants."""
     for axis, values in table.arrays.items():
         yield constants(target.scalar, f"{name}_{axis}", map(target.literal, values))
 
@@ -123,7 +123,7 @@ def file_fields(
     further: Sequence[str] = (),
     target: Target = DOUBLE,
 ) -> dict[str, Any]:
-    """Return the fields of :class:`KernelFile`; its digest also depends on ``further`` lines."""
+    """Return the fields of :class:`KernelFile`; the lines ``further`` also enter its digest."""
     lines = [line for kernel in kernels for line in (kernel.signature, *kernel.body.text)]
     solved = [node for node in nodes if node.op == "solve"]
     return {
@@ -162,13 +162,13 @@ def kernel_context(
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
-        # The other kernel is called, since computing only its last results would save little.
+        # Call the other kernel: computing only its last results would save little.
         whole_kernel = program.kernels[spec.tail_of]
         printed = Printed([_tail(prefix, kernel, whole_kernel)], [], 1, uses_status=True)
         unused, operations = [], whole_kernel.operations.total
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
-        # The order of a kernel does not include its guards.
+        # The guards' nodes are missing in the order of the kernel, so it must be determined again.
         order = None if guards else [kernel.order]
         places, has_groups = starts_of_maps(kernel), not kernel.is_by_need
         printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
@@ -176,8 +176,8 @@ def kernel_context(
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]
     statements = [*printed.statements, *_written(spec.result, results)]
-    # Guards follow all results, as cut_into_blocks requires. They are numbered from one, since zero
-    # means success. Equal conditions are checked once.
+    # Guards follow all results, as cut_into_blocks requires. Numbers start at one because zero
+    # means success. Equal conditions are checked only once.
     checked: dict[tuple[CExpression, bool], int] = {}
     for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1):
         checked.setdefault((value, guard.is_strict), i)
@@ -203,7 +203,7 @@ def kernel_context(
 
 
 def _written(array: str, results: Sequence[CExpression]) -> Iterator[Statement]:
-    """Yield assignments of the results, except results that a map has written."""
+    """Yield assignments of the results; results that a map writes itself are omitted."""
     for i, value in enumerate(results):
         place = element(array, i)
         if value != place:
@@ -228,7 +228,7 @@ def _arguments(kernel: Kernel) -> list[Argument]:
 
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
-    """Return the arguments that no statement uses, which templates cast to void."""
+    """Return the arguments that no statement uses; templates cast them to void."""
     nodes = reachable(roots, stop=kernel.prepared)
     read = {ARGUMENT_OF[node.data[0]] for node in nodes if node.op == "symbol"}
     if any(node in kernel.prepared for node in nodes):
@@ -243,15 +243,15 @@ class ModelContext(KernelFile):
 
     target: Target
     layout: Layout
-    guards: list[str]  # C literals of the conditions that guards require
+    guards: list[str]  # C literals of the guards' conditions
     n_prepared: int
     uses_vectors: bool
     packs_sines: bool
     maps: list[MapContext]
-    constants: list[Constants]  # constant columns of maps, and starts of result columns
+    constants: list[Constants]  # constant columns of maps, and column starts of results
     clears_columns: bool
     kernel_pointers: dict[str, str]
-    enums: dict[str, list[str]]  # enumerators of the header by kind of quantity
+    enums: dict[str, list[str]]  # enumerators in the header, by kind of quantity
 
     @property
     def upper(self) -> str:
@@ -288,13 +288,13 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     layout = program.layout
     prefix = c_identifier(layout.name)
     nodes = [node for kernel in program.kernels.values() for node in kernel.order]
-    nodes += reachable([guard.value for guard in program.guards])  # ``prepare`` checks the guards
+    nodes += reachable([guard.value for guard in program.guards])  # checked by ``prepare``
     tables = name_tables(nodes)
     maps = list(dict.fromkeys(node for node in nodes if node.op == "map"))
-    # Applications of one map with equal storage share a function.
+    # Applications of the same map share a function if their inputs are stored equally.
     applied = {own_rows(node): node for node in maps}
     functions_of = {rows: f"cotree_map{i}" for i, rows in enumerate(applied)}
-    # Applications with constant columns read a table at file scope.
+    # Columns that are constant are stored in a table at file scope.
     columns = {
         node: table
         for i, node in enumerate(maps)
@@ -304,13 +304,13 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
     names |= {node: table.name for node, table in columns.items()}
-    # Kernels that copy the last results of another kernel contain no map.
+    # A kernel that copies the last results of another kernel contains no map.
     starts = name_starts(kernel for kernel in present if not kernel.spec.tail_of)
     names |= {places: table.name for places, table in starts.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
-    # In registry order, kernels follow the kernels that they call, whose stack sizes are known.
+    # In registry order, callees precede their callers, so their stack sizes are known.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called, target)
@@ -326,9 +326,9 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
         packs_sines=packs_sines,
         maps=contexts,
         constants=[*columns.values(), *starts.values()],
-        # Columns that are not constant are cleared and filled in each call.
+        # Other columns are cleared and filled in each call.
         clears_columns=any(node not in columns for node in maps),
-        # The model structure has a pointer for each kernel of the registry.
+        # The model structure has a pointer for each kernel in the registry; NULL if it is missing.
         kernel_pointers={
             k.spec.field: f"{prefix}_{k.spec.name}" if k in present else "NULL"
             for k in program.kernels.values()
@@ -338,7 +338,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
 
 
 def _enums(upper: str, layout: Layout) -> dict[str, list[str]]:
-    """Return an enumerator for each state, parameter, input, output and sensitivity."""
+    """Return the enumerators of states, parameters, inputs, outputs and sensitivities."""
     rows = {
         "state": [row.name for row in layout.states],
         "parameter": [row.name for row in layout.parameters],
@@ -354,7 +354,7 @@ def _enums(upper: str, layout: Layout) -> dict[str, list[str]]:
 
 
 def _enumerators(prefix: str, names: Sequence[str]) -> list[str]:
-    """Convert names to enumerators; numbers make them unique."""
+    """Convert names to enumerators; equal ones are made unique by numbers."""
     found: dict[str, None] = {}
     for name in names:
         own = first = f"{prefix}_{re.sub('[^A-Za-z0-9_]', '_', name)}"

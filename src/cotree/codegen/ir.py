@@ -1,9 +1,9 @@
 """Expressions and statements as data: the intermediate language between a program and C text.
 
-An expression consists of a form and numbers. The form is the tree of its operations, arrays and
-names, without the numbers: constants, indices and the numbers of temporaries. Statements that
-differ only in their numbers have equal forms, which reveals loops, and the properties of a form
-(names, operations, text) are computed once. Only :mod:`cotree.codegen.printing` writes C.
+An expression consists of a form and numbers. The numbers are constants, indices and the numbers of
+temporaries; the form is the tree of operations, arrays and names without these numbers. Equal forms
+reveal loops: the statements differ only in their numbers. Properties of a form (names, operations,
+text) are computed only once. Only :mod:`cotree.codegen.printing` writes C.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 #: A temporary variable: prefix and number.
 Temporary = tuple[str, Any]
 
-#: Highest precedence: names, calls and array elements.
+#: Highest precedence: that of names, calls and array elements.
 _ATOM = 9
-#: Precedence of each operation, and minimum precedences of its arguments without parentheses. It is
-#: higher for the right operand, so that values are computed in the order of the program.
+#: Precedence of each operation, and the lowest precedence at which an argument needs no
+#: parentheses. It is higher for right operands, to preserve the order of evaluation.
 _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "add": (1, (1, 2)),
     "sub": (1, (1, 2)),
@@ -39,21 +39,21 @@ _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "not": (3, (_ATOM,)),
     "fails": (0, (1,)),
 }
-#: Types of the numbers in each leaf: real (r), whole (w), index (i), number of a temporary (t).
+#: Type of each number in a leaf: real (r), whole (w), index (i), number of a temporary (t).
 _SLOTS = {
     **{"number": "r", "whole": "w", "element": "i", "temporary": "t"},
     **{"name": "", "zero": "", "tolerance": ""},
 }
-#: Counts of operations, if not one: a sign consists of comparisons; others here are free.
+#: Numbers of operations other than one: a sign consists of comparisons, the other entries are free.
 _COUNTS = {"sign": 3, "real": 0, "not": 0, "fails": 0} | dict.fromkeys(_SLOTS, 0)
 
 
 def fields_of(spelling: str) -> list[int]:
-    """Return the argument numbers in a format string, in the order of its text."""
+    """Return the argument numbers in a format string, in the order in which they occur."""
     return [int(name) for _, name, _, _ in Formatter().parse(spelling) if name is not None]
 
 
-#: Operations whose text repeats or reorders arguments.
+#: Operations whose text repeats or reorders the arguments.
 _ARRANGED = {
     name: fields
     for name, row in OPERATIONS.items()
@@ -72,16 +72,16 @@ class Form:
     name: str  # name of the array or function, prefix of the temporary, or value of the tolerance
     args: tuple[Form, ...]  # arguments of the operation or function
     level: int  # precedence of the form
-    #: Type of each number: ``r`` constant, ``w`` whole, ``i`` index, ``t`` of a temporary.
+    #: Type of each number: ``r`` constant, ``w`` whole, ``i`` index, ``t`` number of a temporary.
     slots: str
     n_operations: int  # number of operations
-    width: int  # number of characters in C without the numbers
+    width: int  # number of characters in C, without those of the numbers
     names: frozenset[str]  # all names in the form, except temporaries
-    #: Position among the numbers, and prefix, of each temporary.
+    #: Index among the numbers, and prefix, of each temporary.
     temporaries: tuple[tuple[int, str], ...]
     _hash: int
 
-    # Forms are compared by value, since a cache may discard one and build an equal one later.
+    # Compare by value: after a form is dropped from the cache, an equal one may be built.
     def __hash__(self) -> int:
         return self._hash
 
@@ -112,7 +112,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
         width += _WIDTHS.get(op, len(name) + 2 * (op == "element"))
     names = frozenset(chain.from_iterable(arg.names for arg in args))
     temporaries: list[tuple[int, str]] = [(0, name)] if op == "temporary" else []
-    # The numbers are in argument order.
+    # The numbers of the arguments follow each other in argument order.
     start = 0
     for arg in args:
         temporaries += [(start + place, prefix) for place, prefix in arg.temporaries]
@@ -133,7 +133,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
 
 @dataclass(frozen=True, slots=True)
 class Affine:
-    """A number in a loop that changes by a constant step: ``step * i + first``."""
+    """A number that changes by a constant step in a loop over i: ``step * i + first``."""
 
     step: int
     first: int
@@ -146,7 +146,7 @@ class Affine:
 
 @dataclass(frozen=True, slots=True)
 class TableEntry:
-    """A number in a loop that is read from a table with one entry per iteration."""
+    """A number in a loop that is read from a table, one entry per iteration."""
 
     table: str
 
@@ -168,7 +168,7 @@ _ZERO = CExpression(_form("zero", ""), (), 4)
 
 def number(value: float) -> CExpression:
     """Build a constant; the sign of a negative constant is an operation."""
-    # Precedence then leads to parentheses: -(-2.0), never --2.0.
+    # Precedence then adds parentheses where needed: -(-2.0) instead of --2.0.
     value = float(value)
     if value < 0.0:
         return apply("neg", number(-value))
@@ -176,7 +176,7 @@ def number(value: float) -> CExpression:
 
 
 def tolerance(value: float) -> CExpression:
-    """Build a tolerance for doubles, which is scaled to the precision of the target's type."""
+    """Build a tolerance, given for doubles and scaled to the precision of the target's type."""
     form = _form("tolerance", repr(float(value)))
     return CExpression(form, (), form.width)
 
@@ -210,16 +210,17 @@ def temporary(prefix: str, value: int) -> CExpression:
 def apply(op: str, *args: CExpression) -> CExpression:
     """Build an operation of :data:`cotree.dag.operations.OPERATIONS`, or one that only C has.
 
-    Operations of C only are ``real``, a conversion; ``not``; and ``fails``, a comparison with zero.
+    Operations that only C has are the conversion ``real``, ``not``, and ``fails``, a test for
+    nonzero.
     """
     if op in _ARRANGED:
-        # Arguments are listed in the order of the text, including repetitions.
+        # Arguments are listed in the order of the text; some occur repeatedly.
         args = tuple(args[i] for i in _ARRANGED[op])
     return _joined(_form(op, "", tuple([arg.form for arg in args])), args)
 
 
 def call(function: str, *args: CExpression, op: str = "call") -> CExpression:
-    """Build a function call; ``op`` is ``part`` for a function that is part of the caller."""
+    """Build a function call; ``op`` is ``part`` if the function is a part of the caller."""
     return _joined(_form(op, function, tuple([arg.form for arg in args])), args)
 
 
@@ -228,13 +229,13 @@ def _joined(form: Form, args: Sequence[CExpression]) -> CExpression:
     width = form.width
     for arg in args:
         numbers += arg.numbers
-        # The width already includes the width of the form.
+        # The number of characters of the form is already included.
         width += arg.width - arg.form.width
     return CExpression(form, numbers, width)
 
 
 def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) -> CExpression:
-    """Replace temporaries that are stored in an array by the array elements."""
+    """Replace each temporary that is stored in an array by the array element."""
     form, numbers = expression.form, expression.numbers
     if not form.temporaries:
         return expression
@@ -254,7 +255,7 @@ def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) 
 
 @lru_cache(maxsize=1 << 14)
 def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
-    """Replace temporaries by other forms, each of which has one number."""
+    """Replace temporaries in a form by other forms, each of which contains one number."""
     if form.op == "temporary":
         return found[0][1]
     args: list[Form] = []
@@ -267,7 +268,7 @@ def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
     return _form(form.op, form.name, tuple(args))
 
 
-#: Types of values: ``REAL`` may be a vector of numbers, ``SCALAR`` is a single number.
+#: Types of values: ``REAL`` may be a vector of numbers; ``SCALAR`` is a single number.
 REAL, SCALAR, WHOLE = "real", "scalar", "whole"
 
 #: Prefixes of temporary variables that are integers; all others are real.
@@ -282,7 +283,7 @@ class Simple:
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """The expressions in the order of the text."""
+        """Expressions in the order of the text."""
         return tuple([getattr(self, part) for part in self.parts])
 
     def of(self, expressions: Sequence[CExpression]) -> Self:
@@ -293,7 +294,7 @@ class Simple:
 
 @dataclass(frozen=True, slots=True)
 class Assign(Simple):
-    """Assignment of ``value`` to each of ``to``; a temporary must be first, and is declared."""
+    """Assignment of ``value`` to all of ``to``; a temporary must be first, and is declared here."""
 
     to: tuple[CExpression, ...]
     value: CExpression
@@ -301,13 +302,13 @@ class Assign(Simple):
     @property
     def declares(self) -> Temporary | None:
         """The temporary that the statement declares, if any."""
-        # A second target is an array element that stores the same value.
+        # The second target is the array element in which the same value is stored.
         first = self.to[0]
         return (first.form.name, first.numbers[0]) if first.form.op == "temporary" else None
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """The expressions in the order of the text."""
+        """Expressions in the order of the text."""
         return (*self.to, self.value)
 
     def of(self, expressions: Sequence[CExpression]) -> Assign:
@@ -317,7 +318,7 @@ class Assign(Simple):
 
 @dataclass(frozen=True, slots=True)
 class LeaveUnless(Simple):
-    """Return of minus ``number`` unless ``value > 0``, or ``value >= 0`` if not strict."""
+    """Return -``number`` from the function unless ``value > 0``, or ``>= 0`` if not strict."""
 
     parts = ("value", "number")
     value: CExpression
@@ -337,7 +338,7 @@ class Report(Simple):
 
 @dataclass(frozen=True, slots=True)
 class Call(Simple):
-    """Function call; ``loop`` is a macro that repeats it for several vectors, or empty."""
+    """Function call; ``loop`` is empty, or a macro that repeats the call for several vectors."""
 
     value: CExpression
     loop: str = ""
@@ -356,7 +357,7 @@ class Array(Simple):
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """The expressions in the order of the text."""
+        """Expressions in the order of the text."""
         return (named(self.name), *self.values)
 
     def of(self, expressions: Sequence[CExpression]) -> Array:
@@ -390,7 +391,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """Execution of ``body`` if a condition holds, and otherwise of ``otherwise``."""
+    """Execution of ``body`` if a condition holds, else of ``otherwise``."""
 
     condition: CExpression
     body: tuple[Statement, ...]
@@ -414,7 +415,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class FunctionPart:
-    """The arguments and statements of a function that is part of another."""
+    """The arguments and statements of a function that was split off another one."""
 
     name: str
     arguments: list[Argument]
@@ -424,7 +425,7 @@ class FunctionPart:
 def function_of(
     name: str, body: Sequence[Statement], arguments: Iterable[Argument]
 ) -> tuple[FunctionPart, CExpression]:
-    """Build a function of statements, with the arguments that it uses, and its call."""
+    """Build a function of statements with the arguments that they use, and its call."""
     used = set().union(*map(uses, body))
     taken = [argument for argument in arguments if argument.name in used]
     given = [named(argument.given or argument.name) for argument in taken]
@@ -437,14 +438,14 @@ def kind_of(key: Temporary) -> str:
 
 
 def simple(statements: Iterable[Statement]) -> Iterator[Simple]:
-    """Yield the statements without inner statements, including those in loops and conditions."""
+    """Yield all statements, also those in loops and conditions, that contain no others."""
     for row in statements:
         if isinstance(row, Simple):
             yield row
         elif isinstance(row, Loop):
             yield from simple(row.body)
         elif isinstance(row, When):
-            # The condition is yielded as if it were a call.
+            # The condition is yielded as a call statement.
             yield from simple((Call(row.condition), *row.body, *row.otherwise))
 
 
@@ -454,7 +455,7 @@ def declared_by(statement: Statement) -> Temporary | None:
 
 
 def uses(statement: Statement) -> set[str | Temporary]:
-    """Return all names and temporaries in a statement."""
+    """Return all names and temporaries that a statement contains."""
     found: set[str | Temporary] = set()
     is_loop = isinstance(statement, Loop)
     for row in simple((statement,)):
@@ -468,7 +469,7 @@ def uses(statement: Statement) -> set[str | Temporary]:
 
 
 def changed(statement: Statement, change: Callable[[CExpression], CExpression]) -> Statement:
-    """Apply a change to all expressions of a statement, including inner statements."""
+    """Return a statement with all expressions changed, also those of inner statements."""
     if isinstance(statement, Simple):
         return statement.of([change(expression) for expression in statement.expressions])
     if isinstance(statement, Loop):
@@ -481,7 +482,7 @@ def changed(statement: Statement, change: Callable[[CExpression], CExpression]) 
 
 
 def n_operations(statements: Iterable[Statement]) -> int:
-    """Count the operations in the text of statements; operations in a loop count once."""
+    """Return the number of operations in the text; those in a loop count once."""
     found = 0
     for row in statements:
         for part in simple((row,)):

@@ -1,8 +1,8 @@
 """C text that integrates members of an ensemble in parallel, each in one SIMD lane.
 
-In: a program after its passes, a method and the vector width. Out: ``<model>_lanes.c`` with rate
-kernels for the target ``MEMBERS``, and the steps of the method. A Rosenbrock method also needs
-kernels of derivatives, and uses the same elimination as the scalar engine.
+The file ``<model>_lanes.c`` contains the rate kernels of a program for the target ``MEMBERS``, and
+the steps of a method. A Rosenbrock method also needs kernels of derivatives; it uses the same
+elimination as the scalar engine.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 #: C library functions that are called separately for each lane.
 _LIBRARY = ("tan asin acos atan sinh cosh tanh erf floor atan2 pow").split()  # noqa: SIM905
-#: Maximum number of operations, above which compilation takes longer than vectors save.
+#: Maximum number of operations: with more, compilation takes longer than vectors save.
 _MOST_OPERATIONS = 20_000
 
 
@@ -46,9 +46,9 @@ class Lanes:
 
     width: int  # number of lanes in a vector
     n_bundles: int  # number of vectors processed together, to hide the latency of operations
-    #: Compiler names of the instruction sets that the vectors need.
+    #: Instruction sets that the vectors need, as named by compilers.
     instructions: str
-    is_fused: bool  # whether there are fused multiply-add instructions
+    is_fused: bool  # whether fused multiply-add instructions exist
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class LanesContext(KernelFile):
 
     @property
     def part(self) -> int:
-        """Number of values in a stored row that are processed together."""
+        """Number of values of a stored row that are processed together."""
         return min(self.block, self.lanes.width)
 
     @property
@@ -87,7 +87,7 @@ class LanesContext(KernelFile):
 
 
 def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> str:
-    """Return why members cannot run in SIMD lanes, as a clause, or an empty string."""
+    """Return a clause that states why members cannot run in SIMD lanes; empty if they can."""
     layout = program.layout
     if method not in INTEGRATORS:
         return f"'{method}' is no method of cotree"
@@ -106,7 +106,7 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
 
 
 def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
-    """Return the reason why the kernels cannot be vectorised, or an empty string."""
+    """Return the reason why kernels cannot be vectorised; empty if they can."""
     ops = {node.op for kernel in kernels for node in kernel.order}
     if "solve" in ops:
         return "a linear system is solved with pivots that are chosen at run time"
@@ -180,13 +180,13 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
 
 
 def lanes_declarations(model: LanesContext) -> str:
-    """Return the declarations for cffi."""
+    """Return the declarations of the file for cffi."""
     declared = declarations([header_text("cotree_lanes.h")], ["cotree_lanes"])
     return f"{declared}const cotree_lanes *{model.prefix}_lanes(void);\n"
 
 
 def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Return the rate kernels, and the kernels of inputs and kinks if there are any."""
+    """Return the rate kernels and, if present, the kernels of inputs and kinks."""
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
     names += ["events"] if program.layout.kinks else []
@@ -200,7 +200,7 @@ def _output_kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel
 
 
 def _written_out(kernel: Kernel) -> Kernel:
-    """Replace maps by statements for each column, since lanes contain members, not columns."""
+    """Replace maps by statements for each column, since lanes are used for members instead."""
     columns: dict[Node, list[Node]] = {}
 
     def form(node: Node, new: Mapping[Node, Node]) -> Node:

@@ -1,9 +1,8 @@
 """Conversion of repeated statements to loops.
 
 Consecutive statements that differ only in their numbers (the stages of a ladder, the nonzeros of a
-Jacobian) become the body of a loop. Indices with a constant step are computed, others are read from
-a table. The order of evaluation does not change. Temporaries that a loop computes or reads become
-elements of an array.
+Jacobian) become a loop. Indices with a constant step are computed, all others are read from a
+table. The order of evaluation is unchanged. Temporaries in loops become array elements.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import Number, Statement, Temporary
 
 
-LONGEST_BODY = 150  # maximum number of statements in a loop body, enough for a spatial link
+LONGEST_BODY = 150  # maximum number of statements in a loop body; suffices for a spatial link
 FEWEST_LINES = 64  # minimum number of statements that a loop replaces
 _FEWEST_EVEN = 24  # the same minimum for loops without tables
 _FEWEST_TIMES = 8
@@ -52,7 +51,7 @@ _FEWEST_TIMES = 8
 class StatementRow:
     """A statement, split into its form and its numbers."""
 
-    #: Equal for statements that differ only in numbers; None for those outside loops.
+    #: Equal for statements that differ only in numbers; None keeps a statement outside loops.
     form: Hashable
     whole: tuple[int, ...] = ()  # whole numbers of the statement, in order
     real: tuple[float, ...] = ()  # constants of the statement, in order
@@ -61,11 +60,12 @@ class StatementRow:
 def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]:
     """Divide statements into loops; yield start, length of the body and number of iterations.
 
-    In even loops, numbers have constant steps; other loops need tables. Even loops are preferred if
-    they cover about the same number of statements. Pieces that are not loops have one iteration.
+    In even loops, all numbers have constant steps; other loops need tables. Even loops are
+    preferred if they cover about as many statements. Statements outside loops form pieces with one
+    iteration.
     """
     n = len(statements)
-    # Lengths of the longest loop and of the longest even loop at each start.
+    # For each start: length of the longest loop, and of the longest even loop.
     labels = _labels([row.form for row in statements])
     reach = _form_reach(labels)
     even, period_of = _even_reach(statements, labels)
@@ -73,9 +73,9 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
     start = plain = 0
     while start < n:
         period, length = 0, int(reach[start])
-        # The loop is not used if a loop that starts one statement later is longer.
+        # Skip this loop if a loop that starts one statement later is longer.
         is_longest = length > 0 and reach[start + 1] <= length
-        # Tables are used only if even loops cover less than half of its statements.
+        # Use tables only if even loops cover less than half of the loop's statements.
         if is_longest and 2 * (covered[start + length] - covered[start]) < length:
             period = _shortest_period(labels, start, length)
             length -= length % period
@@ -93,7 +93,7 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
 
 
 def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
-    """Return a number for each distinct form; statements without a form are all distinct."""
+    """Return the number of each statement's form; statements without a form get unique numbers."""
     numbers: dict[Hashable, int] = {}
     return np.array(
         [-1 - i if f is None else numbers.setdefault(f, len(numbers)) for i, f in enumerate(forms)],
@@ -102,11 +102,11 @@ def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
 
 
 def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Return the length of the longest loop from each statement if constants may differ."""
+    """Return the length of the longest loop from each start if numbers may differ arbitrarily."""
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
-        # Statements in a row that equal those one period later, without the last iteration.
+        # Number of consecutive statements that equal the statement one period later.
         agreed = _run_lengths(labels[:-period] == labels[period:])
         part = reach[: n - period]
         np.maximum(part, _worth(agreed // period + 1, period, FEWEST_LINES), out=part)
@@ -114,7 +114,7 @@ def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> int:
-    """Return the length of the shortest loop body that covers about the same statements."""
+    """Return the shortest loop body that covers about the same statements."""
     part = labels[start : start + length]
     for period in range(1, LONGEST_BODY + 1):
         differing = np.flatnonzero(part[:-period] != part[period:])
@@ -128,35 +128,35 @@ def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> i
 def _even_reach(
     statements: Sequence[StatementRow], labels: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the lengths of the longest even loop at each start, and of its body."""
+    """For each start, return the length of the longest even loop, and of its body."""
     n = len(labels)
     best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
     whole = _padded([row.whole for row in statements])
-    # Constants must be the same in all iterations of an even loop. They are compared by number.
+    # Even loops have the same constants in all iterations; constants are numbered for comparison.
     names: dict[float, int] = {}
     real = _padded([tuple(names.setdefault(r, len(names)) for r in row.real) for row in statements])
     for period in range(1, min(LONGEST_BODY, (n - 1) // 2) + 1):
         is_same = labels[:-period] == labels[period:]
         agreed = _run_lengths(is_same)
         hoped = _worth(agreed // period + 1, period, _FEWEST_EVEN)
-        # Only starts whose loop may be longer than the best one so far are examined.
+        # Examine only starts whose loop may become longer than the best one so far.
         rows = np.flatnonzero(hoped > best[: n - period])
         if not len(rows):
             continue
-        # Number of loops that contain each statement: sum of +1 at starts and -1 after ends.
+        # Count the loops that contain each statement: +1 at starts, -1 after ends.
         ends = np.zeros(n + 1, dtype=np.intp)
         ends[rows] += 1
         np.subtract.at(ends, rows + agreed[rows], 1)
         rows = np.flatnonzero(np.cumsum(ends)[: n - 2 * period] > 0)
         rows = rows[is_same[rows] & is_same[rows + period]]
         a, b, c = rows, rows + period, rows + 2 * period
-        # In an even loop, second differences of whole numbers over three iterations vanish.
+        # In even loops, whole numbers have zero second differences over three iterations.
         is_even = np.all(whole[b] - whole[a] == whole[c] - whole[b], axis=1)
         is_even &= np.all((real[a] == real[b]) & (real[b] == real[c]), axis=1)
         holds = np.zeros(n - 2 * period, dtype=np.bool_)
         holds[rows[is_even]] = True
         length = _run_lengths(holds)
-        # Each match involves three iterations, so there are two more iterations than matches.
+        # A match compares three iterations: n matches in a row mean n + 2 iterations.
         found = _worth(np.where(length > 0, length // period + 2, 0), period, _FEWEST_EVEN)
         part = best[: n - 2 * period]
         is_better = found > part
@@ -166,7 +166,7 @@ def _even_reach(
 
 
 def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Mark the statements that even loops cover if these are chosen from front to back."""
+    """Mark the statements that even loops cover if loops are chosen from front to back."""
     marked = np.zeros(len(even) - 1, dtype=np.intp)
     start = 0
     begins = np.flatnonzero(even)
@@ -174,7 +174,7 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
         at = int(np.searchsorted(begins, start))
         if at == len(begins):
             return marked
-        # A loop that starts later is preferred if it is longer.
+        # Prefer a longer loop that starts later.
         start = int(begins[at])
         while even[start + 1] > even[start]:
             start += 1
@@ -183,14 +183,14 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def _worth(times: npt.NDArray[np.intp], period: int, fewest: int) -> npt.NDArray[Any]:
-    """Return the number of statements that a loop replaces, or zero if it is too short."""
+    """Return the number of statements that a loop covers, or zero if it is not worthwhile."""
     is_worth = (times >= _FEWEST_TIMES) & (times * period >= fewest)
     return np.where(is_worth, times * period, 0)
 
 
 def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
     """Return the number of consecutive true values that begin at each position."""
-    # The position of the next false value is a minimum, accumulated backwards.
+    # The next false value has the minimum index of all later ones, accumulated backwards.
     places = np.arange(len(holds))
     breaks = np.where(holds, len(holds), places)
     nexts = np.minimum.accumulate(breaks[::-1])[::-1]
@@ -205,8 +205,8 @@ def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
     return matrix
 
 
-#: Number of statements up to which compilation is fast. Longer text uses loops, which run a fifth
-#: slower, if they reduce the number of statements to this fraction.
+#: Number of statements up to which compilation is fast. Shorter text becomes loops, which run a
+#: fifth slower, only if they reduce the number of lines to this fraction.
 _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 
@@ -231,7 +231,7 @@ def roll(statements: Sequence[Statement], array: str = "v") -> list[Statement]:
 
 
 def _apart(statements: Sequence[Statement]) -> tuple[list[Statement], list[str]]:
-    """Return the statements without comments, and the comment before each."""
+    """Return the statements without comments, and the comment before each statement."""
     rows: list[Statement] = []
     comments: list[str] = []
     comment = ""
@@ -246,12 +246,12 @@ def _apart(statements: Sequence[Statement]) -> tuple[list[Statement], list[str]]
 
 
 def _row(statement: Statement) -> StatementRow:
-    """Separate the form of a statement from its numbers."""
+    """Split a statement into its form and its numbers."""
     form: Hashable
     if isinstance(statement, Assign):
         declared = statement.declares
         is_temporary = declared is not None and kind_of(declared) == REAL
-        # Nodes with several results stay outside: their short loops would need an array.
+        # Arrays of nodes with several results stay outside: their short loops would need a table.
         array = statement.to[0].form.name
         is_place = declared is None and not (array[0] == "v" and array[1:].isdigit())
         if len(statement.to) > 1 or not (is_temporary or is_place):
@@ -267,7 +267,7 @@ def _row(statement: Statement) -> StatementRow:
         numbers += expression.numbers
     if "r" not in slots:
         return StatementRow(form, numbers)
-    # In loops, whole numbers may have a step, while constants are equal or in a table.
+    # In loops, whole numbers may have a step; constants must be equal or in a table.
     pairs = list(zip(numbers, slots, strict=True))
     whole, real = ([n for n, slot in pairs if (slot == "r") == is_real] for is_real in (0, 1))
     return StatementRow(form, tuple(whole), tuple(real))
@@ -276,13 +276,13 @@ def _row(statement: Statement) -> StatementRow:
 def _kept_in_array(
     rows: Sequence[Statement], found: Sequence[tuple[int, int, int]], array: str
 ) -> dict[Temporary, CExpression]:
-    """Return array elements for the temporaries of loops, in the order of their numbers."""
+    """Return array elements for the temporaries that loops compute or read."""
     kept: set[Temporary] = set()
     for start, period, times in found:
         if times > 1:
             for row in rows[start : start + period * times]:
                 kept.update(_temporaries(row))
-    # In this order, evenly spaced temporaries usually have evenly spaced indices.
+    # Sorted, evenly spaced temporaries usually have evenly spaced indices.
     return {key: element(array, place) for place, key in enumerate(sorted(kept))}
 
 
@@ -293,7 +293,7 @@ def _temporaries(row: Statement) -> Iterator[Temporary]:
 
 
 class _LoopWriter:
-    """Collects statements and loops, with their tables and the array of temporaries."""
+    """Writer of statements and loops, with their tables and the array of temporaries."""
 
     def __init__(self, kept: Mapping[Temporary, CExpression], array: str) -> None:
         self._statements: list[Statement] = []
@@ -331,7 +331,7 @@ class _LoopWriter:
         return changed(row, lambda expression: read_from(expression, self._kept))
 
     def _merged(self, rows: Sequence[Statement]) -> Statement:
-        """Merge statements that differ only in their numbers into one."""
+        """Merge statements that differ only in their numbers into one statement of a loop body."""
         merged = []
         for alike in zip(*(row.expressions for row in rows), strict=True):  # type: ignore[union-attr]
             columns = zip(*(expression.numbers for expression in alike), strict=True)
@@ -341,11 +341,11 @@ class _LoopWriter:
         return rows[0].of(merged)  # type: ignore[union-attr]
 
     def _number(self, column: Sequence[Number], slot: str) -> Number:
-        """Return a number in a loop from its value in each iteration."""
+        """Return a number in a loop body from its value in each iteration."""
         first = column[0]
         if all(number == first for number in column):
             return first
-        # Constants are not computed as a start plus multiples of a step, which would round.
+        # Not for constants: start plus multiples of a step would round.
         if slot != "r":
             step = column[1] - first  # type: ignore[operator]
             if all(number == first + step * i for i, number in enumerate(column)):  # type: ignore[operator]
@@ -364,7 +364,7 @@ def _of_all(comments: Sequence[str]) -> str:
     first, last = comments[0], comments[-1]
     if first == last or not first or not last:
         return first
-    # Common first words are not repeated: "angle of link 1 to 9".
+    # Omit the common first words of the second name: "angle of link 1 to 9".
     words = last.split(" ")
     same = takewhile(lambda pair: pair[0] == pair[1], zip(first.split(" "), words, strict=False))
     return f"{first} to {' '.join(words[len(list(same)) :])}"

@@ -1,11 +1,11 @@
 """C text of maps: statements for one column, which vectors execute for several columns.
 
-Statements whose values are zero in the same blocks of columns form a segment, which C skips there.
-A value that crosses from one segment to another is stored in an array and set to zero if its
-segment is skipped. Long maps are divided into functions.
+Statements whose values are zero in the same blocks of columns form a segment. C skips the segment
+for these blocks. A value that crosses from one segment to another is stored in an array, and set to
+zero if its segment is skipped. Long maps are divided into functions.
 
-Skipping does not change values, since the skipped sums contain only products with zeros. Only the
-sign of a zero could differ, which is avoided by adding zero to each result.
+Skipping does not change results, since skipped sums contain only products with zero. Only the sign
+of a zero could differ: adding zero to each result avoids this.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Segments:
-    """The statements of a map in segments."""
+    """The statements of a map, grouped into segments."""
 
     parts: list[list[Statement]]  # statements of the map, in several parts if it is long
-    #: For each block of columns, 1 for each guarded segment that is executed, else 0.
+    #: For each block of columns: 1 for each guarded segment to execute, 0 for each one to skip.
     live: list[list[int]]
     n_crossing: int  # length of the array of crossing values
 
@@ -70,7 +70,7 @@ def cut_into_segments(
     """Divide a map into segments, and these into parts of at most ``longest`` statements."""
     segments = _shorter(_segments(linear), longest)
     number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
-    # Values that another segment reads are not inlined, even if they are read once.
+    # Values that another segment reads need a variable, even if they are read once.
     crossing = {arg for node, i in number.items() for arg in node.args if number.get(arg, i) != i}
     leaves = [node for node in linear.order if not node.args]
     printed = print_nodes(
@@ -82,10 +82,10 @@ def cut_into_segments(
         has_groups=False,
         symbols=symbols,
     )
-    groups = printed.parts[1:]  # the first part, the leaves, has no statements
+    groups = printed.parts[1:]  # without the leaves, which have no statements
     for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
         if root in number:
-            # The addition of zero makes the sign of a zero result independent of the blocks.
+            # Adding zero makes the sign of a zero result independent of the blocks.
             total = Assign((element("result", i),), apply("add", value, zero()))
             groups[number[root]].append(total)
     parts, live, n_crossing = _joined(segments, groups, linear.n_columns, longest)
@@ -100,13 +100,13 @@ def cut_into_segments(
 def _joined(
     segments: Sequence[_Segment], groups: Sequence[list[Statement]], n_columns: int, longest: int
 ) -> tuple[list[list[Statement]], list[list[int]], int]:
-    """Combine segments into parts; segments that are skipped in some blocks get a guard."""
+    """Combine segments into parts, with guards around segments that some blocks skip."""
     crossing = Crossing(groups)
     blocks = range(-(-n_columns // BLOCK))
     everywhere = (1 << len(blocks)) - 1
     guarded: list[int] = []
     parts: list[list[Statement]] = []
-    length = longest  # the first segment starts a part
+    length = longest  # so that the first segment starts a part
     for number, segment in enumerate(segments):
         if length + len(segment.nodes) > longest:
             parts.append([])
@@ -131,7 +131,7 @@ def _vanishing(rows: Sequence[Statement]) -> list[Statement]:
 
 
 def _segments(linear: LinearMap) -> list[_Segment]:
-    """Sort statements into segments that are zero in the same blocks."""
+    """Group statements into segments whose values are zero in the same blocks."""
     readers: dict[Node, list[Node]] = {node: [] for node in linear.statements}
     waiting = {}
     for node in linear.statements:
@@ -149,9 +149,8 @@ def _segments(linear: LinearMap) -> list[_Segment]:
         heapify(heap)
     found = []
     while ready:
-        # The next segment begins with the first ready statement in the original order. It takes
-        # each statement with the same blocks that is ready, or becomes ready meanwhile, so that
-        # segments are long.
+        # A segment begins with the first ready statement in the original order. For length, it then
+        # takes all statements with the same blocks, including those that become ready meanwhile.
         chosen = min(ready, key=lambda key: ready[key][0][0])
         heap, nodes = ready[chosen], []
         while heap:
@@ -167,10 +166,10 @@ def _segments(linear: LinearMap) -> list[_Segment]:
 
 
 def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -> dict[Node, int]:
-    """Return the blocks in which each value is computed, including all in which it may be nonzero.
+    """Return the blocks in which each value is computed: at least those in which it may be nonzero.
 
-    A product is computed in the blocks of the sums that read it if these agree: compilers can then
-    fuse both operations, and the number of crossing values does not change.
+    If the sums that read a product are computed in the same blocks, the product is also computed
+    there: compilers can then fuse both operations, and no more values cross between segments.
     """
     blocks: dict[Node, int] = {}
     roots = set(linear.results)
@@ -188,9 +187,9 @@ def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -
 
 
 def _depth_first(nodes: Sequence[Node]) -> list[Node]:
-    """Sort values depth-first, so that few are live at a time."""
+    """Sort values depth-first, so that few values are live at a time."""
     left = set(nodes)
-    # The search starts from values that no statement of the segment reads.
+    # Start from values that no statement of the segment reads.
     read = {arg for node in nodes for arg in node.args}
     found: list[Node] = []
     stack = [node for node in reversed(nodes) if node not in read]
@@ -216,21 +215,21 @@ def _shorter(segments: Sequence[_Segment], longest: int) -> list[_Segment]:
     ]
 
 
-#: Minimum fraction of the work that segments must skip; otherwise the map is written with loops.
+#: Minimum fraction of the work that skipping must save; otherwise the map is written with loops.
 _SKIPPED = 0.15
-#: Maximum number of operations in a block. In blocks of 500, a map of 2261 operations compiles with
-#: a third of the instructions and runs a fifth faster in vectors of four (gcc 12).
+#: Maximum number of operations in a block. With blocks of 500, a map of 2261 operations compiles
+#: with a third of the instructions and runs a fifth faster in vectors of four (gcc 12).
 _LONGEST_BLOCK = 500
-#: Maximum number of operations in a block if two vectors are interleaved, to hide latency.
+#: Maximum number of operations in a block if two vectors are interleaved to hide latency.
 _LONGEST_IN_TURN = 80
-_FEWEST_IN_TURN = 300  # minimum number of statements; with fewer, too many values cross blocks
+_FEWEST_IN_TURN = 300  # minimum number of statements; if fewer, too many values cross blocks
 
-#: Number of vectors in the transposition macro for the widest vectors: one per lane and stage.
+#: Number of vectors in the transposition macro, for the widest vectors: one per lane and stage.
 _TURNING = 8 * 4
 #: Number of arguments and loop counters in the template of a map.
 _MAP_ARGUMENTS = 24
 
-#: Values in the statements of a map, by name, as arguments of a function.
+#: Arguments of a function that contains statements of a map, by name.
 _ARGUMENTS = {
     argument.name: argument
     for argument in (
@@ -252,17 +251,17 @@ class MapContext:
     name: str
     doc: str
     n_columns: int
-    width: int  # length of a row
+    width: int  # length of a row of inputs
     n_shared: int
     n_sensitive: int
     reads_own: bool
-    places: list[str]  # starts of rows that columns do not share, for every eight columns
-    n_own: int  # number of these rows
+    places: list[str]  # starts of rows that columns do not share, for each group of eight columns
+    n_own: int  # number of rows that columns do not share
     n_results: int
     block: int
     body: Body
     n_crossing: int
-    n_together: int  # number of interleaved vectors
+    n_together: int  # number of vectors that are interleaved
     n_guards: int
     live: list[str]  # for each block of columns, flags of the guarded segments to execute
     n_stack: int  # upper bound of the stack size, [byte]
@@ -270,7 +269,7 @@ class MapContext:
 
 @dataclass(frozen=True)
 class _Cut:
-    """The statements of a map, in several functions if there are many."""
+    """The statements of a map, divided into functions if there are many."""
 
     blocks: Blocks
     live: list[list[int]] = field(default_factory=list)
@@ -283,15 +282,15 @@ def map_context(node: Node, name: str, target: Target) -> MapContext:
     linear: LinearMap = node.data
     own = own_rows(node)
     n_blocks = -(-linear.n_columns // BLOCK)
-    # Segments are worthwhile if many statements are skipped in some blocks of columns.
+    # Segments are worthwhile if enough statements are skipped in some blocks of columns.
     skips = linear.n_times < (1.0 - _SKIPPED) * n_blocks * len(linear.statements)
     cut = _in_segments(own, name) if skips else _in_blocks(own, name)
     n_guards = len(cut.live[0]) if cut.live else 0
-    # Vectors wider than a block read two rows of flags, so an odd number of rows is padded.
+    # Vectors wider than a block read two rows of flags: pad an odd number of rows.
     rows = [*cut.live, *([[0] * n_guards] * (len(cut.live) % 2))]
     blocks, n_results = cut.blocks, len(linear.results)
     bodies = [blocks.statements, *(function.body for function in blocks.functions)]
-    # The template declares arrays, and vectors for the transposition of inputs and results.
+    # Include the template's arrays, and its vectors for transposing inputs and results.
     n_turning = _TURNING * ((own.first > 0) + 1)
     n_vectors = cut.n_together * (own.first + n_results + cut.n_crossing) + n_turning
     vectors = Array("column", n_vectors, is_aligned=True)
@@ -319,7 +318,7 @@ def map_context(node: Node, name: str, target: Target) -> MapContext:
 
 
 def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
-    """Return a table of the values that columns do not share, or None if one is not constant."""
+    """Return a table of the inputs that columns do not share; None if one is not constant."""
     rows = own_rows(node)
     numbers = {i: value.value for i, value in rows.values(node).items()}
     if None in numbers.values():
@@ -329,7 +328,7 @@ def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
 
 
 def _is_waiting(linear: LinearMap) -> bool:
-    """Return whether latency, not throughput, determines the time of a long map."""
+    """Return whether the time of a long map is limited by latency instead of throughput."""
     started, longest = bounds(linear.statements)
     return longest > started and len(linear.statements) > _FEWEST_IN_TURN
 
@@ -343,7 +342,7 @@ def _in_segments(own: OwnRows, name: str) -> _Cut:
         return _Cut(Blocks([], cut.parts[0]), cut.live, cut.n_crossing)
     given = {}
     if together > 1:
-        # Each interleaved vector has its own part of these arrays.
+        # Each interleaved vector uses its own part of these arrays.
         sizes = {"column": own.first, "w": cut.n_crossing, "result": len(linear.results)}
         given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {
             "here": "HERE(turn)",
@@ -358,7 +357,7 @@ def _in_segments(own: OwnRows, name: str) -> _Cut:
 
 
 def _in_blocks(own: OwnRows, name: str) -> _Cut:
-    """Return the statements of a map with few zeros, with loops for repeated ones."""
+    """Return the statements of a map with few zeros; repeated ones become loops."""
     linear = own.linear
     order = by_need(linear.order)
     printed = print_nodes(linear.results, {}, {}, [order], has_groups=False, symbols=_symbols(own))
@@ -366,7 +365,7 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
         Assign((element("result", i),), zero() if root.is_zero else value)
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
     ]
-    # The array of crossing values is not an argument, since blocks declare it.
+    # Blocks declare the array of crossing values, so it is not an argument.
     arguments = [row for key, row in _ARGUMENTS.items() if key != "w"]
     return _Cut(
         cut_into_blocks(f"{name}_{{}}", roll(statements), arguments, ("result",), _LONGEST_BLOCK)
@@ -374,14 +373,14 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
 
 
 def _symbols(own: OwnRows) -> Callable[[str, int], CExpression]:
-    """Return a function that builds the C expression of an input of a map."""
+    """Return a function that forms the C expression of an input of a map."""
 
     def read(kind: str, i: int) -> CExpression:
         if kind != "column" or i < own.first:
             return symbol(kind, i)
         place = i - own.first
         row = whole(own.width * place) if own.is_whole else element("at", place)
-        # With the width of other inputs, the same expressions are inlined.
+        # All inputs have the same width, so that the same expressions are inlined.
         return replace(call("OWN", named("here"), row), width=symbol(kind, i).width)
 
     return read

@@ -1,8 +1,8 @@
 """C text of linear systems and second derivatives of a model, for implicit methods.
 
 The factorisation of ``shift M - J`` is straight-line code or, if that is long, tables for loops.
-Factors are stored row by row in pivot order, and within a row in column order, so that the update
-of a row by another one consists of a few runs of consecutive entries, which C can vectorise.
+Factors are stored row by row in pivot order, and within a row in column order. The update of a row
+by another row then consists of a few runs of consecutive entries, which C can vectorise.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ def elimination_tables(plan: Elimination) -> list[Constants]:
     """Return the tables that the factorisation and the solution in C read.
 
     ``factor_values``: index of each factor among the nonzeros of the Jacobian, or -1.
-    ``factor_columns``: rank of the factor's column. ``pivot_rows``: row and column of each pivot,
-    numbers of factors before and after it in the row, and whether the shift is added. ``updates``:
-    for each pivot, the number of rows that it updates; for each of these, the index of the
-    multiplier and the number of runs; for each run, its destination, source and length.
+    ``factor_columns``: rank of the factor's column in pivot order. ``pivot_rows``: row and column
+    of each pivot, number of factors before and after it in its row, and whether the shift is added.
+    ``updates``: for each pivot, the number of rows that it updates; for each of these, the index of
+    the multiplier and the number of runs; for each run, its destination, source and length.
     """
     ranks = _ranks(plan)
     starts = [0]
     for row in ranks:
         starts.append(starts[-1] + len(row))
     place = {(k, j): starts[k] + at for k, row in enumerate(ranks) for at, j in enumerate(row)}
-    # The plan numbers the factors in another order.
+    # The tables number the factors row by row, unlike the plan.
     number = {(k, k): factor for k, factor in enumerate(plan.pivots)}
     for k in range(len(plan.rows)):
         number |= {(k, j): factor for j, factor in (*plan.lower[k], *plan.upper[k])}
@@ -70,7 +70,7 @@ def elimination_tables(plan: Elimination) -> list[Constants]:
 
 
 def _ranks(plan: Elimination) -> list[list[int]]:
-    """Return the columns of the factors in each row, as ranks of their pivots."""
+    """Return for each row the columns of its factors, as ranks in pivot order."""
     return [
         [*(m for m, _ in before), k, *(j for j, _ in after)]
         for k, (before, after) in enumerate(zip(plan.lower, plan.upper, strict=True))
@@ -94,7 +94,7 @@ def _updates(plan: Elimination, place: dict[tuple[int, int], int]) -> Iterator[i
 
 
 def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
-    """Join consecutive pairs of indices into runs: destination, source and length."""
+    """Join consecutive pairs of indices into runs of (destination, source, length)."""
     runs: list[tuple[int, int, int]] = []
     for to, source in pairs:
         if runs:
@@ -106,13 +106,13 @@ def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
     return runs
 
 
-# Most operations of straight-line code; gcc compiles a thousand in half a second.
+# Maximum number of operations of straight-line code; gcc compiles a thousand in half a second.
 _LONGEST = 3000
 
 
 @dataclass(frozen=True)
 class EliminationContext:
-    """Template data of an elimination, as statements or as tables."""
+    """Template data of an elimination, written as statements or as tables."""
 
     n: int
     n_factors: int
@@ -130,10 +130,10 @@ class LinearSystem:
     """The linear systems of an implicit method, for states and their sensitivities."""
 
     elimination: EliminationContext | None  # None if the matrix is structurally singular
-    has_slope: bool  # whether rates depend on time
-    n_carried: int  # number of values that the first second-derivative kernel passes on
+    has_slope: bool  # whether rates depend on time explicitly
+    n_carried: int  # number of values that the first kernel of second derivatives passes on
     n_couplings: int
-    places: Constants  # indices of the couplings among the sensitivities
+    places: Constants  # indices of nonzero couplings among the sensitivities
 
     @property
     def bodies(self) -> list[Body]:
@@ -143,7 +143,7 @@ class LinearSystem:
 
     @property
     def text(self) -> list[str]:
-        """All lines, from which the digest of the file is computed."""
+        """All lines of text, from which the digest of the file is computed."""
         tables = [self.places, *(self.elimination.tables if self.elimination else ())]
         lines = [line for table in tables for line in table.lines]
         return [*lines, *(line for body in self.bodies for line in body.text)]
@@ -152,7 +152,7 @@ class LinearSystem:
 def linear_system(
     program: Program, target: Target, *, has_sensitivities: bool = True
 ) -> tuple[LinearSystem, list[Kernel]]:
-    """Return the linear systems of a program, and the kernels of the required derivatives."""
+    """Return a program's linear systems, and the kernels of the derivatives that they require."""
     plan = program.elimination
     slope = form_time_slope(program)
     if slope is not None and not has_sensitivities:
@@ -196,13 +196,13 @@ def render_newton(model: NewtonContext, features: Features = ALL) -> Mapping[str
 
 
 def newton_declarations(model: NewtonContext) -> str:
-    """Return the declarations for cffi."""
+    """Return the declarations of the file for cffi."""
     return f"const void *{model.prefix}_newton(void);\n"
 
 
 @without_collection()
 def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
-    """Build the template data for a target with scalar numbers."""
+    """Build the template data of ``<model>_newton.c`` for a target with scalar numbers."""
     name = program.layout.name
     system, made = linear_system(program, target)
     nodes = [node for kernel in made for node in kernel.order]
@@ -212,7 +212,7 @@ def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
     ]
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
     return NewtonContext(
-        # The digest of the file also depends on the elimination.
+        # The digest of the file must change with the elimination, too.
         **file_fields(name, nodes, kernels, system.text, target),
         target=target,
         system=system,
@@ -226,7 +226,7 @@ def is_unrolled(plan: Elimination) -> bool:
 
 
 def elimination_context(plan: Elimination, target: Target) -> EliminationContext:
-    """Build the template data of an elimination, as statements or, if they are many, as tables."""
+    """Build the template data of an elimination: statements or, if too many, tables."""
     lines = is_unrolled(plan)
     nothing = Body([], [], [])
     return EliminationContext(
@@ -243,25 +243,25 @@ def elimination_context(plan: Elimination, target: Target) -> EliminationContext
 
 
 def _factor(plan: Elimination, target: Target) -> Body:
-    """Return the factorisation as straight-line code, divided into blocks if it is long."""
+    """Return straight-line code of the factorisation, divided into blocks if it is long."""
     given = [Argument("v"), Argument("shift", is_array=False), Argument("f", is_constant=False)]
     return print_body(cut_into_blocks("factorise_{}", _factor_rows(plan), given), target)
 
 
 def _solve(plan: Elimination, target: Target) -> Body:
-    """Return the substitution as straight-line code, divided into blocks if it is long."""
+    """Return straight-line code of the substitution, divided into blocks if it is long."""
     given = [Argument("f"), Argument("b", is_constant=False)]
     return print_body(cut_into_blocks("solve_{}", _solve_rows(plan), given), target)
 
 
 def _factor_rows(plan: Elimination) -> list[Statement]:
-    """Return the assignments of the factors; factors read by later ones are also temporaries."""
+    """Return the assignments of the factors; those read by later factors are also temporaries."""
     read = {i for entry in plan.factors for pair in entry.products for i in pair}
     read.update(entry.pivot for entry in plan.factors)
     rows: list[Statement] = []
     for i, entry in enumerate(plan.factors):
-        # A factor is an entry of shift M - J minus the products of earlier factors. M is diagonal:
-        # one for states with a rate, zero for algebraic unknowns.
+        # A factor is an entry of shift M - J minus products of earlier factors. M is diagonal: one
+        # for states with a rate, zero for algebraic unknowns.
         total = named("shift") if entry.has_shift else None
         if entry.value >= 0:
             total = _less(total, element("v", entry.value))
@@ -269,11 +269,11 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
             total = _less(total, temporary("f", a), temporary("f", b))
         assert total is not None
         if entry.is_pivot:
-            # The reciprocal of a pivot is stored, since products are faster than divisions.
+            # Store the reciprocal of a pivot, because products are faster than divisions.
             total = apply("div", number(1.0), total)
         elif entry.pivot >= 0:
             total = apply("mul", total, temporary("f", entry.pivot))
-        # All factors are stored for solutions; compilers keep temporaries in registers.
+        # All factors are stored for the substitution; temporaries can stay in registers.
         declared = [temporary("f", i)] if i in read else []
         rows.append(Assign((*declared, element("f", i)), total))
     return rows
@@ -301,6 +301,6 @@ def _solve_rows(plan: Elimination) -> list[Statement]:
             total = _less(total, element("f", factor), temporary("x", j))
         total = apply("mul", total, element("f", plan.pivots[k]))
         rows.append(Assign((temporary("x", k),), total))
-    # All values are computed before any is written, since rows and columns may be exchanged.
+    # Compute all values before writing any: rows and columns may be exchanged.
     columns = enumerate(plan.columns)
     return rows + [Assign((element("b", at),), temporary("x", k)) for k, at in columns]

@@ -37,35 +37,35 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel
 
 
-#: Maximum number of SIMD lanes in a vector on any machine.
+#: Maximum number of lanes in a SIMD vector on any machine.
 _WIDEST = 8
-#: Maximum number of values in rows that are stored with all zeros: half of the level-1 cache.
+#: Maximum number of values stored as full rows, including zeros: half of the level-1 cache.
 _MOST_WHOLE = 2048
 
 
 def padded(n: int) -> int:
-    """Round a number up to whole vectors of any width."""
+    """Round a number up to a multiple of the widest vector."""
     return -(-n // _WIDEST) * _WIDEST
 
 
 @dataclass(frozen=True)
 class OwnRows:
-    """Storage in C of a map's inputs, other than sensitivities, as sparse rows.
+    """Storage in C of a map's inputs as sparse rows, without the sensitivities.
 
-    Rows are stored in pieces of eight columns, the width of the widest vectors. All pieces of zeros
-    share the first one; a table has the start of each piece. Short rows of constants are stored
-    with all zeros.
+    Rows are stored in pieces of eight columns, the width of the widest vectors. The first piece
+    contains zeros and represents all zero pieces; a table has the start of each piece. Short rows
+    of constants are stored in full, including zeros.
     """
 
-    linear: LinearMap  # the linear map that is applied
-    first: int  # index of the first of these inputs
+    linear: LinearMap  # the map that is applied
+    first: int  # index of the first input that is stored in these rows
     is_whole: bool  # whether rows are stored contiguously, including their zeros
 
     @cached_property
     def _pieces(self) -> dict[tuple[int, int], int]:
-        """Number of each nonzero piece, from one, by first column and row."""
+        """Number of each nonzero piece, counted from one, by first column and row."""
         given = self.linear.given
-        # Piece zero is the common piece of zeros.
+        # Piece zero represents all pieces of zeros.
         found = (
             (at, i)
             for at in range(0, len(given), _WIDEST)
@@ -81,7 +81,7 @@ class OwnRows:
 
     @property
     def width(self) -> int:
-        """Length of a row with all zeros."""
+        """Length of a row that is stored in full."""
         return padded(self.linear.n_columns)
 
     @property
@@ -93,13 +93,13 @@ class OwnRows:
 
     @cached_property
     def places(self) -> list[list[int]]:
-        """Start of the piece of each row, in a list for every eight columns."""
+        """Start of each row's piece, in one list per group of eight columns."""
         rows = range(self.first, self.linear.n_inputs)
         groups = range(0, self.linear.n_columns, _WIDEST)
         return [[_WIDEST * self._pieces.get((at, i), 0) for i in rows] for at in groups]
 
     def place(self, i: int, j: int) -> int:
-        """Return the index at which input i of column j is stored, if it may be nonzero."""
+        """Return the index at which input i of column j is stored if it may be nonzero."""
         if self.is_whole:
             return self.width * (i - self.first) + j
         lane = j % _WIDEST
@@ -116,7 +116,7 @@ class OwnRows:
 
 
 def own_rows(node: Node) -> OwnRows:
-    """Return the storage of the inputs of a map application that columns do not share."""
+    """Return the storage of the inputs that the columns of a map application do not share."""
     linear: LinearMap = node.data
     first = linear.n_sensitive(node.args)
     rows = OwnRows(linear, first, is_whole=True)
@@ -142,7 +142,7 @@ class Starts:
 
 
 def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
-    """Return the maps whose columns are results of a kernel, with the starts of these columns."""
+    """Return the maps whose columns are results of a kernel, with the start of each column."""
     first: dict[Node, int] = {}
     for i, root in enumerate(kernel.results):
         first.setdefault(root, i)
@@ -151,7 +151,7 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
         if node.op != "map":
             continue
         n, own = len(node.data.results), results_of(node, node.data.n_results)
-        # These are the starts of columns if the other results of each column follow.
+        # First results of columns are starts only if the further results of the columns follow.
         places = tuple(first.get(root, 0) for root in own[::n])
         if all(
             kernel.results[place : place + n] == own[n * j : n * (j + 1)]
@@ -162,7 +162,7 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
 
 
 def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants]:
-    """Return a table of constants for each set of column starts."""
+    """Return a table of constants for each different list of column starts."""
     tables = dict.fromkeys(
         starts.places for kernel in kernels for starts in starts_of_maps(kernel).values()
     )
@@ -172,12 +172,12 @@ def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants
 _LARGEST_SYSTEM = 12  # maximum number of unknowns of a system without loops: 300 statements
 _LONGEST_INLINE = 72  # maximum number of characters of an inlined expression
 
-#: Key of the function that computes several sines, in a mapping of names.
+#: Key, in a mapping of names, of the function that computes several sines.
 SINES = "sines"
 
 
 def symbol(kind: str, position: int) -> CExpression:
-    """Return the C expression of a symbol: a kernel argument or an element of one."""
+    """Return the C expression of a symbol: a kernel argument, or an element of one."""
     array = ARGUMENT_OF.get(kind, kind)
     return named(array) if kind == TIME else element(array, position)
 
@@ -186,10 +186,10 @@ def symbol(kind: str, position: int) -> CExpression:
 class Printed:
     """Statements that compute the requested values."""
 
-    #: Statements with comments: one list, or one for each requested part.
+    #: Statements with comments, in one list for each requested part.
     parts: list[list[Statement]]
     values: list[CExpression]  # C expression of each requested value
-    n_statements: int  # number of values that have a statement
+    n_statements: int  # number of values that have their own statement
     uses_status: bool  # whether a statement may set ``status``
     #: Names of arrays that are filled for maps.
     filled: list[str] = field(default_factory=list)
@@ -213,13 +213,13 @@ def print_nodes(
 ) -> Printed:
     """Return the statements that compute the nodes ``roots``.
 
-    ``prepared`` maps nodes that are read from ``k`` to their indices in it. ``names`` has the C
+    ``prepared`` maps nodes that are read from ``k`` to their indices in ``k``. ``names`` has the C
     names of tables, of maps by their rows of inputs, and of tables of column starts. ``parts``
-    contains all nodes on which the roots depend, in order of evaluation and in parts; by default
-    there is one part. ``places`` has the maps whose results are stored in the result array of the
-    kernel. Nodes in ``kept`` are not inlined even if they are used once. With ``has_groups``,
-    comments name the groups of statements, which are then consecutive. ``symbols`` returns the
-    expression of a symbol from its kind and position.
+    contains all nodes on which the roots depend, in order of evaluation and divided into parts; by
+    default there is one part. ``places`` has the maps whose results are stored in the result array
+    of the kernel. Nodes in ``kept`` are not inlined even if they are used once. With
+    ``has_groups``, comments name the groups of statements, which are then consecutive. ``symbols``
+    returns the expression of a symbol from its kind and position.
     """
     parts = [reachable(roots, stop=prepared)] if parts is None else parts
     printer = _StatementWriter(prepared, names, places, has_groups, symbols)
@@ -265,11 +265,11 @@ class _StatementWriter:
         """Count the uses of each value."""
         uses = self._uses
         for node in order:
-            # Prepared values are read from an array, so their arguments are not used.
+            # Prepared values are read from an array and do not use their arguments.
             if node not in self.prepared:
                 for arg in node.args:
                     uses[arg] = uses.get(arg, 0) + 1
-        # Roots count as uses, so that a root used by another value is not inlined.
+        # A root is itself a use: if another value also reads the root, it is not inlined.
         for root in roots:
             uses[root] = uses.get(root, 0) + 1
 
@@ -298,15 +298,15 @@ class _StatementWriter:
         if owner in self.places:
             return self.places[owner].place(i, len(owner.data.results))
         if owner.op == "sines" and i >= owner.data:
-            i += padded(owner.data) - owner.data  # cosines begin at the start of a vector
-        # C stores the results of maps in padded rows; nodes number them column by column.
+            i += padded(owner.data) - owner.data  # cosines start at a whole vector
+        # C stores the results of maps in padded rows, while nodes number them column by column.
         if owner.op == "map":
             column, row = divmod(i, len(owner.data.results))
             i = row * padded(owner.data.n_columns) + column
         return element(f"v{self._number[owner]}", i)
 
     def _declare(self, node: Node) -> int:
-        """Return the number of a new statement, after a comment if a new group begins."""
+        """Return the number of a new statement; a comment precedes it if a new group begins."""
         if self.has_groups and node.section and node.section != self._section:
             self.statements.append(Comment(node.section))
         self._section = node.section
@@ -315,7 +315,7 @@ class _StatementWriter:
 
     def _scalar(self, node: Node) -> None:
         value = apply(node.op, *[self._known[arg] for arg in node.args])
-        # A value that is used once is inlined, unless the expression is too long to read.
+        # Inline a value that is used once, unless the expression becomes too long to read.
         if self._uses[node] == 1 and value.width <= _LONGEST_INLINE:
             self._known[node] = value
             return
@@ -331,7 +331,7 @@ class _StatementWriter:
         n, at = node.data.size, self._declare(node)
         matrix, rhs = node.args[: n * n], node.args[n * n : n * n + n]
         sizes, is_apart = sizes_of(node), is_written_out(node)
-        # Solutions share factors only if their rank decisions agree.
+        # Solutions may share factors only if their rank decisions agree.
         key = (matrix, sizes, node.args[-1], node.data)
         if key not in self._factors:
             self._factors[key] = at
@@ -342,7 +342,7 @@ class _StatementWriter:
         given = [named(f"s{f}")] if is_apart else []
         read = [rank, named(f"a{f}"), *given, named(f"r{f}"), named(f"c{f}"), x]
         # Rows and columns are divided by the square roots of the sizes: S A S y = S b and x = S y.
-        # Straight-line code scales the right-hand side and the solution itself.
+        # The functions for small systems scale the right-hand side and the solution themselves.
         scaling = [Call(call("cotree_multiply", whole(n), named(f"s{f}"), x))]
         scaling = scaling if sizes and not is_apart else []
         values = (*self._values(rhs), apply("real", rank), apply("real", accepted))
@@ -400,11 +400,11 @@ class _StatementWriter:
         self.uses_status = True
 
     def _sines(self, node: Node) -> None:
-        """Append statements for sines and cosines: a single call if there is a function for it."""
+        """Append statements for sines and cosines; a single call if a function exists."""
         at, n, width = self._declare(node), node.data, padded(node.data)
         angles, v = self._values(node.args), f"v{at}"
         if SINES in self.names:
-            # Vectors also read the padding, which must be defined.
+            # Vectors read the padding too, so it must be defined.
             filled = (*angles, *[number(0.0)] * (width - n))
             cosines = apply("add", named(v), whole(width))
             given = [whole(n), named(f"a{at}"), named(v), cosines]
@@ -420,7 +420,7 @@ class _StatementWriter:
             self.statements.append(Assign((element(v, width + i),), apply("cos", angle)))
 
     def _map(self, node: Node) -> None:
-        """Append statements that fill the input arrays of a map, and its call."""
+        """Append statements that fill the input arrays of a map, and the map's call."""
         linear: LinearMap = node.data
         at = self._declare(node)
         rows, width = own_rows(node), padded(linear.n_columns)
@@ -429,7 +429,7 @@ class _StatementWriter:
             Array(shared, max(1, linear.n_shared)), dict(enumerate(node.args[: linear.n_shared]))
         )
         if node not in self.names:
-            # Arrays with a name are constant tables at file scope.
+            # If the array has a name, it is a constant table at file scope and is not filled here.
             self.statements.insert(0, Call(call("cotree_clear", named(given), whole(rows.length))))
             self._fill(Array(given, rows.length, is_aligned=True), rows.values(node))
         to, starts = f"v{at}", "NULL"
@@ -437,7 +437,7 @@ class _StatementWriter:
             to, starts = self.places[node].array, self.names[self.places[node].places]
         else:
             self.statements.append(Array(to, max(1, width * len(linear.results))))
-        # Sensitivities are read directly from ``s`` if they are in its order.
+        # Sensitivities in the order of ``s`` are read directly from ``s``.
         own = "s" if rows.first else given
         args = map(named, (shared, own, given, starts, to))
         self.statements.append(Call(call(self.names[rows], *args)))

@@ -1,4 +1,4 @@
-"""Conversion of statements to C text for a target; only this module writes statements as C."""
+"""Conversion of statements to C text for a target; no other module writes statements as C."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from cotree.codegen.targets import Target
 
 _WIDTH, _INDENT = 98, "    "
-#: Minimum precedence of an expression that needs no parentheses after a sign.
+#: Lowest precedence at which an expression needs no parentheses after a sign.
 _TIGHTEST = 4
 
-#: Text of expressions without arguments; %s is the position of the number.
+#: Text of expressions without arguments; %s represents the number.
 _LEAVES = {
     "number": "%s{suffix}",
     "whole": "%s",
@@ -52,7 +52,7 @@ _LEAVES = {
 
 @dataclass(frozen=True)
 class BlockText:
-    """Head and statements, as text, of a function that is part of another."""
+    """Head and statements of a function that was split off another one, as text."""
 
     signature: str
     lines: list[str]
@@ -63,8 +63,8 @@ class Body:
     """The statements of a function as text."""
 
     lines: list[str]  # lines of the function itself
-    blocks: list[BlockText]  # functions into which it is divided, in calling order
-    #: Operations in each of these blocks, then in the function; those in a loop count once.
+    blocks: list[BlockText]  # functions split off this one, in calling order
+    #: Number of operations in each of these blocks, then in the function; loops count once.
     written: list[int]
 
     @property
@@ -86,7 +86,7 @@ class Constants:
 def constants(kind: str, name: str, items: Iterable[str]) -> Constants:
     """Return a table in which every entry is written, including zeros.
 
-    gcc 12 folds a vector that begins at an entry without an initialiser to zeros, even if later
+    If an entry has no initialiser, gcc 12 reads a vector that begins there as zeros, even if later
     entries are nonzero.
     """
     items = [*items]
@@ -94,7 +94,7 @@ def constants(kind: str, name: str, items: Iterable[str]) -> Constants:
 
 
 def int_table(name: str, numbers: Iterable[int]) -> Constants:
-    """Return a table of integers; an empty one contains a zero, since C has no empty arrays."""
+    """Return a table of integers; if empty, it contains a zero, since C has no empty arrays."""
     return constants("int", name, list(map(str, numbers)) or ["0"])
 
 
@@ -109,26 +109,26 @@ def print_expression(expression: CExpression, target: Target = DOUBLE) -> str:
 
 
 def print_body(cut: Blocks, target: Target = DOUBLE) -> Body:
-    """Return the text of a function's statements, and of the blocks into which it is divided."""
+    """Return the text of a function, and of the blocks into which it is divided."""
     printer, blocks = _Printer(target), []
     for function in cut.functions:
         heads = [target.declared(argument) for argument in function.arguments] or ["void"]
         head = function_head(target.function, target.name.format(function.name), heads)
         blocks.append(BlockText(head, list(printer.lines(function.body))))
-    # The statements of the function itself come last; see Body.written.
+    # The function itself comes last; see Body.written.
     counted = [*(function.body for function in cut.functions), cut.statements]
     lines = list(printer.lines(cut.statements))
     return Body(lines, blocks, [*map(n_operations, counted)])
 
 
 class _Printer:
-    """Prints statements for one target; the text of each form is cached."""
+    """Writer of statements for one target; the text of each form is cached."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
         self._formats: dict[Form, str] = {}
         self._is_in_loop = False
-        # Numbers in a program are doubles, which may exceed the range of other types.
+        # Programs contain doubles, which may exceed the range of the target's type.
         self._is_narrow = target.most_decades < DOUBLE.most_decades
 
     def lines(self, statements: Iterable[Statement]) -> Iterator[str]:
@@ -146,13 +146,13 @@ class _Printer:
         text, numbers = self._format(expression.form), expression.numbers
         if self._is_narrow:
             numbers = self._fitted(expression)
-        # Outside loops all numbers are plain, which allows faster formatting.
+        # Outside loops all numbers are plain, so faster formatting suffices.
         if self._is_in_loop:
             return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
 
     def _fitted(self, expression: CExpression) -> tuple[Number, ...]:
-        """Return the numbers of an expression in the target type, or raise CodegenError."""
+        """Return an expression's numbers in the target type; raise CodegenError if out of range."""
         return tuple(
             self._target.fitted(number) if slot == "r" and isinstance(number, float) else number
             for number, slot in zip(expression.numbers, expression.form.slots, strict=True)
@@ -171,7 +171,7 @@ class _Printer:
         if isinstance(row, LeaveUnless):
             comparison = ">" if row.is_strict else ">="
             value, number = map(self.expression, row.expressions)
-            # negated, so that nan also leaves the function
+            # "!" makes nan leave the function too
             return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
         if isinstance(row, Report):
             return (
@@ -183,7 +183,7 @@ class _Printer:
         head = f"{self._target.type_of(row.kind)} {row.name}[{row.length}]"
         if row.is_aligned:
             head = f"{self._target.aligned}{head}"
-        # Arrays without values are filled later and cannot be const.
+        # Arrays without values are filled later, so they cannot be const.
         if not row.values:
             return f"{head};"
         constant = "const " if row.is_constant else ""
@@ -236,7 +236,7 @@ class _Printer:
                 a, b = map(self._format, left.args)
                 return f"{self._target.fused}({a}, {b}, {self._signed(op, right)})"
             if right.op == "mul":
-                # The numbers must be in the order of the form.
+                # Keep the order of the numbers in the form: those of c precede those of a and b.
                 a, b = self._signed(op, right.args[0]), self._format(right.args[1])
                 return f"{self._target.fused_onto}({self._format(left)}, {a}, {b})"
         args = [self._format(arg) for arg in form.args]
@@ -261,12 +261,12 @@ class _Printer:
 
 
 def _number(number: Number, slot: str) -> str:
-    """Return the text of a number in a loop, in parentheses if it is a sum outside brackets."""
+    """Return the text of a number in a loop; a sum outside brackets gets parentheses."""
     if isinstance(number, TableEntry):
         return f"{number.table}[i]"
     if not isinstance(number, Affine):
         return str(number)
-    # Indices and counts are never negative; of decreasing ones, the first value comes first.
+    # Indices and counts are nonnegative, so a decreasing one begins with its first value.
     step, first = number.step, number.first
     if step < 0:
         text = f"{first} - {'i' if step == -1 else f'{-step} * i'}"
@@ -277,7 +277,7 @@ def _number(number: Number, slot: str) -> str:
 
 
 def function_head(result: str, name: str, arguments: Collection[str]) -> str:
-    """Return a function head with line breaks only between arguments, after ``result``."""
+    """Return a function head, with line breaks only between arguments."""
     lines = [f"{result} {name}("]
     indent = " " * len(lines[0])
     for i, argument in enumerate(arguments):
@@ -290,6 +290,6 @@ def function_head(result: str, name: str, arguments: Collection[str]) -> str:
 
 
 def wrapped(items: Iterable[str]) -> list[str]:
-    """Return lines filled with items, each of which ends with a comma."""
+    """Return lines of readable length, filled with items that each end with a comma."""
     text = " ".join(f"{item}," for item in items)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)

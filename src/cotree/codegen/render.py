@@ -1,7 +1,7 @@
-"""Rendering of templates, and access to the modules of C files in ``templates/runtime``.
+"""Rendering of templates, and access to the C modules in ``templates/runtime``.
 
 A module consists of a public header, an internal header if its sources share declarations, and the
-sources that include one of these first.
+sources whose first inclusion is one of these headers.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
 
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_folder()),
-        # A name that the context lacks raises an error instead of rendering as empty text.
+        # A missing name raises an error instead of rendering as empty text.
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=is_html,  # for C, naming.py escapes names and texts
+        autoescape=is_html,  # naming.py escapes names and texts for C
     )
-    # Imported macros can also use the globals of the environment.
+    # Macros imported by templates see only the globals of the environment.
     made.globals |= {
         "real": target.scalar,
         "f": target.suffix,
@@ -82,7 +82,7 @@ def render(template: str, target: Target = DOUBLE, **context: object) -> str:
 
 @dataclass(frozen=True)
 class Features:
-    """The parts of the runtime that are compiled; by default all of them."""
+    """Parts of the runtime that are compiled; by default all parts."""
 
     sensitivities: bool = True  # whether the model has sensitivities
     inputs: bool = True  # whether the model has inputs
@@ -94,19 +94,19 @@ class Features:
     #: Whether rates have kinks at times that depend on sensitivity parameters.
     moving_breakpoints: bool = True
     implicit: bool = True  # whether an implicit method uses a Jacobian
-    helper: bool = True  # whether a function of the caller finds states if iterations fail
-    mending: bool = True  # whether prescribed initial values may change to satisfy constraints
+    helper: bool = True  # whether a function of the caller searches states if the iterations fail
+    mending: bool = True  # whether prescribed initial values may be changed to satisfy constraints
     sundials: bool = True  # whether SUNDIALS may integrate the model
-    #: For FMUs: whether the start satisfies constraints or conditions, or selects modes; and
-    #: whether there are time events or upper bounds of the step size.
+    #: For FMUs: whether the start satisfies constraints or conditions, or selects modes; whether
+    #: time events or upper bounds of the step size exist.
     start: bool = True
     breakpoints: bool = True
-    #: For FMUs: whether they support Model Exchange, and Co-Simulation.
+    #: For FMUs: whether Model Exchange and Co-Simulation are supported.
     exchange: bool = True
     steps: bool = True
 
     def macros(self) -> dict[str, bool]:
-        """Return the value of each macro by name."""
+        """Return the value of each feature's macro, by name."""
         return {
             f"COTREE_HAS_{row.name.upper()}": bool(getattr(self, row.name)) for row in fields(self)
         }
@@ -117,7 +117,7 @@ ALL = Features()
 
 
 _INTERNAL = "_internal.h"
-#: Text before the sources of a module in one file, whose private functions become static.
+#: Inserted before the joined sources of a module: it makes their private functions static.
 _PRIVATE = "#undef COTREE_PRIVATE\n#define COTREE_PRIVATE static\n"
 
 
@@ -134,7 +134,7 @@ def with_runtime(
     while waiting:
         header = waiting.pop(0)
         if header in found or (header != "cotree_abi.h" and header not in _paths()):
-            continue  # already present, or not part of the runtime
+            continue  # already present, or not a module of the runtime
         added = {header: header_text(header, target, features)}
         if has_sources:
             added |= source_texts(header, target, features)
@@ -163,7 +163,7 @@ def _abi(target: Target) -> str:
 
 
 def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL) -> dict[str, str]:
-    """Return a module's sources by name; sources that share an internal header become one."""
+    """Return a module's sources by name; sources that share an internal header are joined."""
     names = _sources(header)
     internal = header.replace(".h", _INTERNAL)
     if internal not in _paths():
@@ -208,7 +208,7 @@ def _read(name: str) -> str:
 
 @cache
 def _sources(header: str) -> list[str]:
-    """Return the sources of a header, beginning with the source of the same name."""
+    """Return the sources of a header; the source of the same name is first."""
     own = header.removesuffix(".h")
     found = []
     for name in _paths():
@@ -218,21 +218,21 @@ def _sources(header: str) -> list[str]:
 
 
 def _resolved(text: str, target: Target, features: Features) -> str:
-    """Remove the parts of a text that the type of numbers or the features exclude."""
+    """Remove the parts of a text that do not apply to the type of numbers or to the features."""
     return resolve(text, {"COTREE_SINGLE": target.digits != DOUBLE.digits, **features.macros()})
 
 
 def resolve(text: str, known: Mapping[str, bool]) -> str:
-    """Evaluate preprocessor conditions on known macros, and remove text that is not compiled.
+    """Evaluate preprocessor conditions on known macros, and remove the text they exclude.
 
-    Conditions have the form ``#if NAME`` or ``#if !NAME``, or several of these with ``&&`` or
-    ``||``; conditions on other macros remain. A default between ``#ifndef NAME`` and ``#endif`` is
-    removed if the macro is known.
+    Conditions have the form ``#if NAME`` or ``#if !NAME``, or combine such terms with ``&&`` or
+    ``||``; conditions on unknown macros remain. A default between ``#ifndef NAME`` and ``#endif``
+    is removed if the macro is known.
     """
     if not any(name in text for name in known):
         return text
     lines: list[str] = []
-    # For each open condition: whether it is evaluated here, and whether its lines are kept.
+    # For each open condition: whether it is evaluated here, and whether its lines remain.
     open_: list[tuple[bool, bool]] = []
     for line in text.splitlines():
         if (value := _value(line, known)) is not None:
@@ -254,7 +254,7 @@ def resolve(text: str, known: Mapping[str, bool]) -> str:
 
 
 def _value(line: str, known: Mapping[str, bool]) -> bool | None:
-    """Return the value of a condition on known macros, or None for other lines."""
+    """Return the value of a condition on known macros; None if the line is none."""
     if not line.startswith("#if "):
         return None
     operator, join = (" || ", any) if "||" in line else (" && ", all)

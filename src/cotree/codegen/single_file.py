@@ -1,7 +1,7 @@
 """Combination of the files of a project into one header and one source.
 
-Names of the runtime also begin with the prefix, so that a program can contain several models. If
-two parts, the former sources, contain a private name of one, it begins with the name of that part.
+Names of the runtime get the model's prefix, so that a program can contain several models. A private
+name of one source that also occurs in another source gets the name of the first source as prefix.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def single_file(texts: Mapping[str, str], prefix: str) -> dict[str, str]:
     """Combine C files into a header and a source; ``<PREFIX>_MAIN`` compiles the main program."""
     seen: set[str] = set()
-    # Other programs may include the headers that the main program includes.
+    # Headers that the main program includes are public: other programs may include them.
     public = [f"{prefix}.h", *includes(texts["main.c"])]
     header = _inlined("".join(f'#include "{name}"\n' for name in public), texts, seen)
     hidden = {*texts} - seen
@@ -53,7 +53,7 @@ def single_file(texts: Mapping[str, str], prefix: str) -> dict[str, str]:
 
 
 def prefixed(text: str, texts: Mapping[str, str], prefix: str) -> str:
-    """Return a text with prefixed runtime names that differ from all names in ``texts``."""
+    """Return a text with prefixed runtime names, different from all names in ``texts``."""
     return _with_names(text, frozenset[str]().union(*map(words, texts.values())), prefix)
 
 
@@ -78,7 +78,7 @@ def _prefixed(word: str, taken: Set[str], prefix: str) -> str:
 
 
 def _inlined(text: str, texts: Mapping[str, str], seen: set[str]) -> str:
-    """Replace the first inclusion of each header by its text, and remove the others."""
+    """Replace the first inclusion of each header by its text, and remove later inclusions."""
     found = []
     for line in text.splitlines(keepends=True):
         name = included(line)
@@ -87,13 +87,13 @@ def _inlined(text: str, texts: Mapping[str, str], seen: set[str]) -> str:
         elif name in texts and name not in seen:
             comment, body = unframed(texts[name])
             if body:
-                seen.add(name)  # headers without an include guard are inserted every time
+                seen.add(name)  # headers without an include guard are inserted at every inclusion
             found.append(_inlined(f"{comment}\n\n{body}", texts, seen))
     return "".join(found)
 
 
 def _private(source: str) -> set[str]:
-    """Return the private names of a source, except runtime names, which are unique."""
+    """Return the private names of a source, without runtime names, which are unique."""
     names = {name for item in items(source) if item.is_private for name in item.names}
     return {name for name in names if not name.startswith("cotree_")}
 
@@ -104,7 +104,7 @@ def _undefined(text: str) -> str:
 
 
 def _renamed(part: str, names: Mapping[str, str]) -> str:
-    """Replace names in a part, except members of structures."""
+    """Replace names in a part of the text, but not members of structures."""
     found = [*tokens(part), "", ""]
     for i, is_member in enumerate(_are_members(found)):
         if not is_member:
@@ -113,7 +113,7 @@ def _renamed(part: str, names: Mapping[str, str]) -> str:
 
 
 def _are_members(found: Sequence[str]) -> Iterator[bool]:
-    """Yield for each token whether it is a member: after a dot or an arrow, or in a structure."""
+    """Yield for each token whether it is a member: it follows ``.`` or ``->``, or is declared."""
     depth = body = 0  # open braces: in total, and in the body of a structure
     is_head = False
     for i, token in enumerate(found[:-2]):
@@ -131,7 +131,7 @@ def _are_members(found: Sequence[str]) -> Iterator[bool]:
 
 
 def _framed(text: str, opening: str, closing: str) -> str:
-    """Insert the opening and all inclusions of C library headers after the first comment."""
+    """Move all inclusions of C library headers, after the opening, below the first comment."""
     first, _, rest = text.partition("*/\n")
     lines = rest.splitlines(keepends=True)
     system = sorted({line for line in lines if line.startswith("#include <")})

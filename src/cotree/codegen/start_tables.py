@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StartTables:
-    """Tables of a model; the attributes have the names of the C fields."""
+    """Tables of a model; attributes have the names of the C fields."""
 
     #: Numbers of coordinates, speeds, constraints and results.
     n_coordinates: int
@@ -34,7 +34,7 @@ class StartTables:
     given: tuple[int, ...]
     seeds: tuple[int, ...]
     contents: tuple[int, ...]
-    #: States that determine each redundant value, in compressed form.
+    #: States on which each redundant value depends, in compressed form.
     redundant_starts: tuple[int, ...]
     redundant_states: tuple[int, ...]
     #: Names and units of the residuals, and of the redundant values.
@@ -43,13 +43,13 @@ class StartTables:
 
     @property
     def has_assembly(self) -> bool:
-        """Whether there are constraints, or conditions on initial values."""
+        """Whether the model has constraints, or conditions on initial values."""
         return bool(self.rows or self.quaternions or self.n_start)
 
     @property
     def arrays(self) -> list[Constants]:
-        """The arrays as C text, named like the fields with the prefix ``start_``."""
-        # Imported here, since only callers that generate C need it.
+        """Arrays as C text; their names are those of the fields with the prefix ``start_``."""
+        # Imported here because only code generation needs it.
         from cotree.codegen.printing import Constants, int_table
 
         numbers = {
@@ -73,7 +73,7 @@ def start_tables(layout: Layout) -> StartTables:
     n_values = len(layout.constraints) - n_rows - len(layout.quaternions)
     conditions = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]
     rates = layout.constraints[n_values : n_values + n_rows]
-    # Constraint axes of an edge are arbitrary: rows with the same unit form a group.
+    # The constraint axes of an edge are arbitrary, so its rows with the same unit form a group.
     edges = [(edge, row.unit) for edge, row in zip(layout.constraint_edges, rates, strict=True)]
     edges += [(split_name(row.name)[0], row.unit) for row in conditions]
     numbers = {edge: i for i, edge in enumerate(dict.fromkeys(edges))}
@@ -101,7 +101,7 @@ def start_tables(layout: Layout) -> StartTables:
 
 
 def _seeds(layout: Layout, states: Sequence[str]) -> Iterable[int]:
-    """Return the parameter index of each sensitivity, or -1 minus the index of the state."""
+    """Return the parameter index of each sensitivity, or -1 minus the index of its state."""
     places = {row.name: i for i, row in enumerate(layout.parameters)}
     return (
         places[name] if name in places else -1 - states.index(name) for name in layout.sensitivities

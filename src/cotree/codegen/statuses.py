@@ -1,9 +1,9 @@
-"""Status numbers of C jobs, with descriptions for messages."""
+"""Status numbers of C jobs, and their descriptions for messages."""
 
 from __future__ import annotations
 
-#: Descriptions of the values of ``cotree_status`` in their order, without a capital and full stop.
-#: The names have the prefix ``COTREE_`` in C.
+#: Descriptions of the values of ``cotree_status`` in order, without capital and full stop. In C,
+#: the names begin with ``COTREE_``.
 SENTENCES = {
     "OK": "success",
     "BAD_ARGUMENT": "a size, time, tolerance or initial value is out of range",
@@ -31,7 +31,7 @@ SENTENCES = {
 #: Values of ``cotree_status`` by name.
 NUMBERS = {name: number for number, name in enumerate(SENTENCES)}
 
-#: Names of event failures by ``cotree_events_status``; see :mod:`cotree.solvers.messages`.
+#: Names of the failures in ``cotree_events_status``; see :mod:`cotree.solvers.messages`.
 EVENT_FAILURES = {
     20: "EVENTS_FAILED",
     21: "EVENTS_NOT_FINITE",
@@ -59,5 +59,5 @@ EVENT_FAILURES = {
     48: "EVENTS_BELOW_TOLERANCE",
 }
 
-#: Status of a sensitivity undefined after a breakpoint; its index is ``turned`` of the job.
+#: Status if a sensitivity is undefined after a breakpoint; ``turned`` of the job is its index.
 TURNED = 60

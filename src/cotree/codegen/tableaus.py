@@ -1,6 +1,6 @@
 """Coefficients of the integration methods, from which templates generate integrators.
 
-Coefficients of explicit methods are C expressions, by the index of the stage that they multiply.
+Each coefficient of an explicit method is a C expression, stored by the index of its stage.
 """
 
 from __future__ import annotations
@@ -13,38 +13,38 @@ class Tableau:
     """An explicit Runge-Kutta method with an error estimate."""
 
     name: str  # name without the prefix ``cotree_``
-    title: str  # description, as part of a sentence
+    title: str  # description that fits into a sentence
     source: str  # reference for the coefficients
     error_order: int  # order of the embedded error estimate
-    memory: str  # exponent of the previous error in the step size control
-    nodes: tuple[str, ...]  # times of the stages except the first, as fractions of a step
-    stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage except the first
+    memory: str  # exponent of the previous error in step size control
+    nodes: tuple[str, ...]  # times of the stages after the first, as fractions of a step
+    stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage after the first
     solution: dict[int, str]  # weights of the stages in the new solution
-    #: Weights of the stages in the error estimate. Two rows are combined into an estimate of higher
-    #: order. The stage after the last one is the rate at the new solution.
+    #: Weights of the stages in the error estimate; two rows are combined into an estimate of higher
+    #: order. The index after the last stage means the rate at the new solution.
     errors: tuple[dict[int, str], ...]
     stable: str  # stability limit on the negative real axis, rounded down
-    #: Weights of the term that extends cubic interpolation to degree 4; empty if none.
+    #: Weights of a term that raises cubic interpolation to degree 4; empty if there is none.
     dense: dict[int, str]
 
     is_implicit = False
 
     @property
     def last(self) -> int:
-        """Index of the stage at the new solution, which is the first stage of the next step."""
+        """Index of the stage at the new solution; it is the first stage of the next step."""
         return len(self.nodes) + 1
 
     @property
     def probe(self) -> int:
-        """Index of the other stage at the end of a step, the latest before the last stage."""
-        # For the stiffness test (Hairer and Wanner, section IV.2), both stages at the end of a step
-        # are evaluated at nearly the same point. The ratio of the differences of their rates and of
-        # their points estimates the largest eigenvalue.
+        """Index of the latest stage at the end of a step, apart from the last stage."""
+        # The stiffness test (Hairer and Wanner, section IV.2) compares two stages at the end of a
+        # step, which are nearly the same point. The largest eigenvalue is estimated as the
+        # difference of their rates over the difference of their points.
         return max(i for i, node in enumerate(self.nodes, 1) if node == "1.0")
 
     @property
     def probe_row(self) -> dict[int, str]:
-        """Weights of earlier stages in the stage for the stiffness test; see `probe`."""
+        """Weights of earlier stages in the stage `probe` of the stiffness test."""
         return self.stages[self.probe - 1]
 
     @property
@@ -82,7 +82,7 @@ _DOPRI5 = Tableau(
         5: "11.0 / 84.0",
     },
     errors=(
-        # solution of order 5 minus solution of order 4
+        # Solution of order 5 minus solution of order 4.
         {
             0: "71.0 / 57600.0",
             2: "-71.0 / 16695.0",
@@ -133,7 +133,7 @@ _RKF45 = Tableau(
         5: "2.0 / 55.0",
     },
     errors=(
-        # solution of order 5 minus solution of order 4
+        # Solution of order 5 minus solution of order 4.
         {
             0: "1.0 / 360.0",
             2: "-128.0 / 4275.0",
@@ -257,13 +257,13 @@ _DOP853 = Tableau(
     dense={},
 )
 
-#: All explicit methods with step size control, by name.
+#: Explicit methods with step size control, by name.
 TABLEAUS: dict[str, Tableau] = {row.name: row for row in (_DOPRI5, _RKF45, _DOP853)}
 
 
 @dataclass(frozen=True)
 class RosenbrockTableau:
-    """A stiffly accurate Rosenbrock method in a form without products with the Jacobian.
+    """A stiffly accurate Rosenbrock method, in a form without products of the Jacobian and vectors.
 
     Stages solve (I / (h gamma) - J) u_i = f(t + c_i h, y + sum_j a_ij u_j) + sum_j C_ij u_j / h
     + h d_i f_t. The last stage is the error estimate, and the new solution includes it.
@@ -275,13 +275,13 @@ class RosenbrockTableau:
     source: str
     error_order: int  # order of the embedded error estimate
     gamma: str  # the diagonal coefficient
-    #: Coefficients c and d of each stage.
+    #: Coefficients c and d of all stages.
     nodes: tuple[str, ...]
     time: tuple[str, ...]
-    #: Coefficients a and C, one row for each stage except the first.
+    #: Coefficients a and C, one row for each stage after the first.
     stages: tuple[tuple[str, ...], ...]
     couplings: tuple[tuple[str, ...], ...]
-    #: Weights of the stages in the interpolation polynomial of a step, one row per degree from 2.
+    #: Weights of the stages in the interpolation polynomial, one row per degree from 2.
     dense: tuple[tuple[str, ...], ...]
 
     is_implicit = True
@@ -292,11 +292,11 @@ class RosenbrockTableau:
         return len(self.nodes)
 
 
-# Weights of stage 5. With stage 5 itself, they form the embedded solution, at which stage 6, the
+# Weights in stage 5. With stage 5, they also form the embedded solution, at which stage 6, the
 # error estimate, is evaluated.
 _LAST = ("1.221224509226641", "6.019134481288629", "12.53708332932087", "-0.6878860361058950")
 
-# The coefficients are those of the transformed stages u of Hairer and Wanner, section IV.7.
+# Coefficients for the transformed stages u of Hairer and Wanner, section IV.7.
 _RODAS4 = RosenbrockTableau(
     name="rodas4",
     title="the Rosenbrock method of Hairer and Wanner, order 4(3)",
@@ -344,7 +344,7 @@ _RODAS4 = RosenbrockTableau(
     ),
 )
 
-# Weights of stage 6. Stages 7 and 8 are evaluated at the same point plus the preceding stages.
+# Weights in stage 6. Stages 7 and 8 are evaluated at the same point plus the preceding stages.
 _SIXTH = (
     "-7.502846399306121",
     "2.561846144803919",
@@ -460,13 +460,13 @@ ROSENBROCK: dict[str, RosenbrockTableau] = {row.name: row for row in (_RODAS4, _
 
 @dataclass(frozen=True)
 class FixedStep:
-    """A method with a fixed step size, which the caller chooses."""
+    """A method with a fixed step size that the caller chooses."""
 
     name: str  # name without the prefix ``cotree_``
-    title: str  # description, as part of a sentence
-    source: str  # publication from which the coefficients are taken
+    title: str  # description that fits into a sentence
+    source: str  # publication of the coefficients
     order: int  # order of the global error
-    n_stages: int  # number of evaluations of the rates in a step
+    n_stages: int  # number of evaluations of the rates per step
     is_implicit: bool  # whether the method solves linear systems
 
 

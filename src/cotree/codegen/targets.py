@@ -14,7 +14,7 @@ from cotree.tolerances import TINY
 if TYPE_CHECKING:
     from cotree.codegen.ir import Argument
 
-#: C text of operations that exist only in C.
+#: C text of operations that only C has.
 _SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
 
 
@@ -22,38 +22,38 @@ _SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
 class Target:
     """C names of types, qualifiers and functions for one type of numbers."""
 
-    real: str = "double"  # type with which statements compute: a number or a vector of numbers
+    real: str = "double"  # type of computed values: a number or a vector of numbers
     scalar: str = "double"  # type of a single number, in arguments and tables
     zero: str = "0.0"  # zero of type ``real``
     suffix: str = ""  # suffix of literals and of C library functions
     limits: str = "DBL"  # prefix of the names in ``float.h``
     infinity: str = "HUGE_VAL"  # name of positive infinity in ``math.h``
     reader: str = "strtod"  # C function that converts text to a number
-    #: Qualifiers and result type of a function that is part of another function.
+    #: Qualifiers and result type of functions that were split off another function.
     function: str = "COTREE_APART static void"
-    name: str = "{}"  # format of the name of such a function
+    name: str = "{}"  # format of the names of such functions
     aligned: str = "COTREE_ALIGNED "  # qualifier of arrays that are loaded into vectors
-    #: Qualifier of pointers to arrays that are not accessed through other pointers.
+    #: Qualifier of a pointer to an array that no other pointer accesses.
     restrict: str = "COTREE_RESTRICT "
     number: str = "{}"  # format of a constant
     entry: str = ""  # type of a number in a table; empty if it is ``scalar``
-    #: Prefix of functions that replace selections and C library functions; empty if there are none.
+    #: Prefix of functions that replace selections and C library functions; empty without them.
     calls: str = ""
-    #: Name of the function ``(a, b, c)`` for ``a * b + c``; empty if two operators are used.
+    #: Name of a function ``(a, b, c)`` for ``a * b + c``; empty if operators are used.
     fused: str = ""
-    fused_onto: str = ""  # fused multiply-add with its arguments in the order of ``c + a * b``
+    fused_onto: str = ""  # the same with the arguments in the order of ``c + a * b``
     size: int = 8  # size of one number, [byte]
     digits: int = 53  # binary digits of the significand
     most_decades: int = 308  # largest power of ten that the type can represent
 
     @property
     def has_lanes(self) -> bool:
-        """Whether maps may compute several columns at a time, which requires vectors of doubles."""
+        """Whether maps may compute several columns at once, which requires vectors of doubles."""
         return self.scalar != SINGLE.scalar
 
     @property
     def lanes(self) -> Target:
-        """The target for vectors of the same type of numbers."""
+        """Target for vectors of the same type of numbers."""
         return replace(
             self,
             real="VECTOR",
@@ -67,14 +67,14 @@ class Target:
         return repr(self.checked(float(value))) + self.suffix
 
     def constant(self, text: str) -> str:
-        """Return the literal of a number or quotient; raise CodegenError if out of range."""
+        """Return the literal of a number or quotient; raise CodegenError if it is out of range."""
         parts = text.split(" / ")
         for part in parts:
             self.checked(float(part))
         return " / ".join(part + self.suffix for part in parts)
 
     def fitted(self, value: float) -> float:
-        """Return a number in the range of the type, to which ``TINY`` is scaled."""
+        """Return a number in the range of the type; the smallest number ``TINY`` is scaled."""
         if value != TINY or self.most_decades == DOUBLE.most_decades:
             return self.checked(value)
         return float(self.extreme(repr(TINY)).removesuffix(self.suffix))
@@ -89,13 +89,13 @@ class Target:
         )
 
     def holds(self, value: float) -> bool:
-        """Return whether a number is within the range of the type, always true for doubles."""
+        """Return whether a number is in the range of the type; always true for doubles."""
         if self.most_decades == DOUBLE.most_decades or not value:
             return True
         return 10.0**-self.most_decades < abs(value) < 10.0**self.most_decades
 
     def share(self, tolerance: str | float) -> str:
-        """Return a tolerance, or its reciprocal, scaled to the precision of the type."""
+        """Return a tolerance, or the reciprocal of one, scaled to the precision of the type."""
         value = float(tolerance)
         if self.digits == DOUBLE.digits:
             return str(tolerance)
@@ -118,7 +118,7 @@ class Target:
         return f"{value:.1e}{self.suffix}"
 
     def type_of(self, kind: str) -> str:
-        """Return the C type for a kind of value; C types are unchanged."""
+        """Return the C type of a kind of value; a C type is returned unchanged."""
         return {REAL: self.real, SCALAR: self.scalar, WHOLE: "int"}.get(kind, kind)
 
     def type_of_entry(self, kind: str) -> str:
@@ -135,15 +135,15 @@ class Target:
         return f"{constant}{text} *{restrict}{argument.name}"
 
     def spelling(self, op: str) -> str:
-        """Return the format string of an operation with placeholders for its arguments."""
+        """Return the format string of an operation; its arguments are placeholders."""
         if op in _SPELLED:
             text = _SPELLED[op]
         else:
             row = OPERATIONS[op]
             if self.calls and row.is_call:
-                # The arguments are in the order of the C text of the operation, with repetitions.
+                # The arguments are in the order of the operation's C text, with repetitions.
                 return f"{self.calls}{op}({', '.join(f'{{{i}}}' for i in fields_of(row.c))})"
-            # C library functions have a suffix for the type, such as sinf; operators have none.
+            # C library functions have a suffix for the type, as in sinf; operators have none.
             is_named = row.is_call and row.c[0].isalpha()
             text = row.c.replace("(", f"{self.suffix}(", 1) if is_named else row.c
         return text.replace("double", self.scalar).replace("0.0", f"0.0{self.suffix}")
@@ -166,9 +166,9 @@ SINGLE = Target(
 )
 #: Targets of C projects, by floating-point type.
 BY_REAL = {target.real: target for target in (DOUBLE, SINGLE)}
-#: Target of maps, with one column in each SIMD lane.
+#: Target of maps, with one column per SIMD lane.
 LANES = DOUBLE.lanes
-#: Target of kernels for ensembles, with one member in each SIMD lane.
+#: Target of kernels for ensembles, with one member per SIMD lane.
 MEMBERS = Target(
     real="VECTOR",
     scalar="VECTOR",
