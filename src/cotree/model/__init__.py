@@ -1,1 +1,1 @@
-"""The compiled model: kernels with buffers bound once, and their results as numpy arrays."""
+"""The compiled model: C kernels with permanent buffers, and their results as NumPy arrays."""

@@ -26,7 +26,7 @@ class Algebraic:
 
     ``rates(t, y)`` returns x', then g. ``jacobian(t, y)`` returns their derivatives with respect to
     y as a full or CSR matrix. The last ``n_algebraic`` entries of y are the unknowns. If the
-    iteration fails from y, ``improve(t, y)`` returns a better initial guess, or None.
+    iteration fails, ``improve(t, y)`` returns a better initial guess, or None.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Algebraic:
         return self._accept(t, y, root)
 
     def solve(self, t: float, y: Array) -> Array:
-        """Solve for z in place; return rates, or raise SolveError or SingularSystemError."""
+        """Solve for z in place; return the rates, or raise SolveError or SingularSystemError."""
         guess = y.copy()
         equation = self._equation(t, y)
         root = find_root(equation, guess[self.cut :], lambda: self._improve(t, guess), self._linear)
@@ -60,7 +60,7 @@ class Algebraic:
             return self._accept(t, y, root)
         except UnsolvedError as error:
             with np.errstate(all="ignore"):
-                # A Jacobian may be singular at one point by chance, but not at several.
+                # A Jacobian may be singular at one point by chance, but not at several points.
                 points = (root.z, guess[self.cut :], *_nearby_points(root.z))
                 self._check_index(equation.by_unknowns(z) for z in points)
                 if not np.any(root.g):  # the Jacobian is singular at a double root
@@ -70,7 +70,7 @@ class Algebraic:
     def _accept(self, t: float, y: Array, root: Root) -> Array:
         """Store the unknowns of a root in y, keep its Jacobian, and return its rates."""
         y[self.cut :] = root.z
-        # The Jacobian at a root is reused at the next point; after a failed search it is discarded.
+        # The next point reuses the Jacobian of a root; after a failed search it is discarded.
         self._linear = root.linear if root.is_found else None
         if not root.is_found:
             raise UnsolvedError(self._failure_message(t, root.g))
@@ -79,8 +79,9 @@ class Algebraic:
     def check_index(self, t: float, y: Array) -> None:
         """Raise SingularSystemError if the equations leave unknowns undetermined near a solution.
 
-        One regular point suffices: if entries differ by many orders of magnitude, as with junctions
-        that hardly conduct, the Jacobian may be numerically singular at the solution itself.
+        A single point with a regular Jacobian suffices. At the solution itself, the Jacobian may be
+        numerically singular if its entries differ by many orders of magnitude, as with junctions
+        that hardly conduct.
         """
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
@@ -88,7 +89,7 @@ class Algebraic:
             self._check_index(slope(point) for point in (z, *_nearby_points(z)))
 
     def _equation(self, t: float, point: Array) -> Equation:
-        # All evaluations share one buffer; only its last entries, the unknowns, change.
+        # All evaluations share one buffer, in which only the unknowns, the last entries, change.
         point = point.copy()
 
         def at(z: Array) -> Array:
@@ -97,14 +98,14 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))),
-            # Columns of the differential states precede columns of the unknowns.
+            # The columns of the differential states come first, then those of the unknowns.
             lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
             self.cut,
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
-        """Return the Jacobian at a solution, in a shared buffer, and its factorised last block."""
+        """Return the Jacobian at a solution, a shared buffer, and the factors of its last block."""
         matrix = self._jacobian(t, y)
         try:
             linear = linearise(matrix[self.cut :], y)
@@ -127,7 +128,7 @@ class Algebraic:
         return np.array(self._rates(t, y)[self.cut :])
 
     def _check_index(self, slopes: Iterable[Matrix]) -> None:
-        """Raise SingularSystemError if all matrices leave the same unknowns undetermined."""
+        """Raise SingularSystemError if every matrix leaves unknowns undetermined."""
         involved = singular_direction(slopes)
         if involved:
             names = ", ".join(f"'{self._names[self.cut + i]}'" for i in involved)
@@ -153,14 +154,14 @@ class Algebraic:
 
 
 def _nearby_points(z: Array) -> tuple[Array, Array]:
-    """Return two random points near z, the same in every call."""
+    """Return two random points near z; every call returns the same points."""
     rng = np.random.default_rng(0)
     away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
     return z + away, z - away
 
 
 def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Array:
-    """Return the Schur complement, (cut, m), of the last block, (n, n), which ``solve`` inverts."""
+    """Return the Schur complement, (cut, m), of the last block, (n, n), solved by ``solve``."""
     full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     n = len(full) - cut
     # A - B D^-1 C with the last diagonal block D

@@ -1,4 +1,4 @@
-"""Checked arrays from user input, sparsity patterns, and C objects owned by Python."""
+"""Arrays checked on input, sparsity patterns, and C objects owned by Python."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 
 def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
     """Return a contiguous copy as doubles; raise ParameterError if the shape is wrong."""
-    array = doubles(value)  # copied, since callers may change their array
+    array = doubles(value)  # this copies, because callers may change their array
     if array is None:
         raise ParameterError(f"{what} must be an array of numbers of shape {tuple(shape)}")
     if array.shape != tuple(shape):
@@ -83,7 +83,7 @@ def in_order(values: Any, names: Sequence[str], kind: str) -> Any:
 
 
 def one_point(values: Any, names: Sequence[str], kind: str) -> Array:
-    """Return the states or inputs of one point, passed by name or in order, as an array."""
+    """Return the states or inputs of one point, given by name or in order, as an array."""
     return as_array(in_order(values, names, kind), (len(names),), f"the {kind}s")
 
 
@@ -102,16 +102,16 @@ def derived_values(derived: Sequence[DerivedParameter], p: Array) -> dict[str, f
 
 
 def is_many(y: Any) -> bool:
-    """Return whether the states form a matrix with one column for each of several points."""
+    """Return whether the states form a matrix, with one column per point."""
     try:
         return np.ndim(y) == 2
-    except ValueError:  # rows of different lengths
+    except ValueError:  # raised if rows have different lengths
         return False
 
 
 def pointer_to(ffi: Any, array: Array) -> Any:
     """Return a pointer that keeps the array alive, or NULL if the array is empty."""
-    # A pointer from array.data would dangle: the garbage collector may free its memory view first.
+    # A pointer from array.data would dangle, because its memory view may be garbage collected.
     return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
 
 
@@ -128,7 +128,7 @@ class CObjects:
         return self._kept[-1]
 
     def ints(self, values: Sequence[int]) -> Any:
-        """Return a new C array of integers; an empty sequence yields one zero."""
+        """Return a new C array of integers; it contains one zero if the sequence is empty."""
         return self.new("int[]", list(values) or [0])
 
     def quantities(self, rows: Sequence[Quantity]) -> Any:
@@ -147,7 +147,7 @@ class CObjects:
         return self._kept[-1]
 
     def callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Return a C callback of a Python function, which stores exceptions and returns -1."""
+        """Return a C callback that calls a Python function; it stores exceptions and returns -1."""
 
         def remember(kind: Any, error: BaseException, traceback: Any) -> None:
             self.errors.append(error)
@@ -192,7 +192,7 @@ class Structure:
     def full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the Jacobian as a full array from its nonzero values.
 
-        Further axes of ``values`` become further axes of the result.
+        Additional axes of ``values``, such as points, are appended to the axes of the result.
         """
         n = len(self.layout.states)
         dense = np.zeros((n, n, *values.shape[1:]))
@@ -203,8 +203,8 @@ class Structure:
     def jacobian_colouring(self) -> npt.NDArray[np.intp]:
         """Colours of the Jacobian's columns, numbered from 0, shape (n_states,).
 
-        Columns of one colour have no nonzero in a common row. The product of the Jacobian with the
-        sum of their unit vectors, or one finite difference, therefore yields all their entries. The
+        Columns of one colour have no nonzero in a common row. One finite difference, or one product
+        of the Jacobian with the sum of their unit vectors, therefore yields all their entries. The
         colouring is greedy in smallest-last order and may use more colours than necessary.
 
         References
@@ -225,7 +225,7 @@ class Structure:
         by_row: list[list[int]] = [[] for _ in range(n)]
         for row, column in zip(self._rows.tolist(), self._columns.tolist(), strict=True):
             by_row[row].append(column)
-        # A full row makes all columns adjacent; the conflict graph would then be complete.
+        # If a row is full, every column needs its own colour, and the graph would be complete.
         if n in map(len, by_row):
             return np.arange(n)
         graph = networkx.Graph()

@@ -26,7 +26,7 @@ class Rates:
     model: CompiledModel
     linearizer: Callable[[], Linearizer]  # creates the linearizer
     t: float  # time, [s]
-    #: Names of the parameters p, among the model's sensitivities; others have scene values.
+    #: Names of the parameters p, a selection of the sensitivities; others have the scene's values.
     names: tuple[str, ...]
 
     @property
@@ -51,7 +51,7 @@ class Rates:
         by_state = model.jacobian(self.t, x, given, u)
         by_input = np.zeros((n, 0))
         if n_inputs:
-            # Without algebraic unknowns nothing is eliminated.
+            # Models for bridges have no algebraic unknowns, so no elimination is needed.
             own = model.parameter_array(given), np.asarray(u, dtype=float)
             by_input = self.linearizer().whole(self.t, x, *own)[1][:n, n:]
         by_parameter = np.zeros((n, 0))
@@ -69,7 +69,7 @@ class Rates:
 def rates_of(
     model: CompiledModel, linearizer: Callable[[], Linearizer], t: float | None, bridge: str
 ) -> Rates:
-    """Return the rates as a function, or raise ParameterError in the name of ``bridge``."""
+    """Return the rates as a function, or raise ParameterError with the name of ``bridge``."""
     layout = model.layout
     if layout.n_algebraic or layout.constraints:
         what = "algebraic unknowns" if layout.n_algebraic else "constraints"
@@ -119,7 +119,7 @@ def casadi_function(rates: Rates) -> Any:
             return self._names[1][i]
 
         def get_sparsity_in(self, i: int) -> Any:
-            # The fourth argument is the function's value; only its shape is used.
+            # The fourth argument is the value of the function; it is unused except for its shape.
             return casadi.Sparsity.dense(sizes[i], 1) if i < 3 else casadi.Sparsity(n, 1)
 
         def get_sparsity_out(self, i: int) -> Any:

@@ -1,4 +1,4 @@
-"""Evaluation of a kernel at many points in one C call; each point is a column."""
+"""Evaluation of a kernel at many points, one per column, in one C call."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def in_columns(
     """Evaluate a kernel at m points; the result has shape (n_results, m).
 
     Shapes: t () or (m,), y (n_states, m), s (n_states, n_sensitivities, m); p and u may have m
-    columns. Raise ParameterError if a shape is wrong or a parameter is rejected; other errors name
-    the column.
+    columns. Raise ParameterError if a shape is wrong or a guard rejects a parameter. Errors at a
+    point name its column.
     """
     points = _Points(model, t, y, p, u, s)
     library = _load() if model.backend == "C" else None
@@ -41,7 +41,7 @@ def in_columns(
         whole = np.zeros((points.n, points.s.shape[1]))
         whole[:, points.places] = results
         results = whole
-    # Without a compiler, or after a failure in C, Python evaluates the rest and raises errors.
+    # Without a compiler, or after a failure in C, Python evaluates the remaining points.
     for j in range(done, points.n):
         results[j] = _at(model, name, points, j)
     return results.T.copy()
@@ -63,7 +63,7 @@ class _Points:
         )
         for j in np.flatnonzero(~np.isfinite(self.t))[:1].tolist():
             raise ParameterError(f"column {j}: t is {self.t[j]}: give a finite number")
-        # Parameters have one row for each point, or one row for all points.
+        # Parameters have one row per point, or one row for all points.
         self.has_own = is_many(p)
         if self.has_own:
             self.p = _rows(p, (len(model.parameters),), self.n, "the parameters")
@@ -83,14 +83,14 @@ class _Points:
 
 
 def _rows(values: Any, shape: tuple[int, ...], n: int, what: str) -> Array:
-    """Return a checked array transposed: one row per point instead of one column."""
+    """Return a checked array with one row per point, from one with one column per point."""
     return np.ascontiguousarray(as_array(values, (*shape, n), what).T)
 
 
 def _in_c(
     model: CompiledModel, library: LoadedLibrary, name: str, points: _Points, results: Array
 ) -> int:
-    """Evaluate points in C until one fails, and return the number of evaluated points."""
+    """Evaluate points in C until one fails; return the number of points before it."""
     ffi, spec, native = library.ffi, KERNELS[name], model.native(points.p[0])
     address = model.address(name)
     if native is None or address is None or not points.n:

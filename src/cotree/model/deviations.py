@@ -1,17 +1,17 @@
 """Linear systems in independent deviations that satisfy the constraints; tests for steady motion.
 
 Small deviations from a motion x(t) follow dx' = A dx. Deviations that satisfy the constraints to
-first order are dx = N z, with one entry of z per degree of freedom. Since
-C A N + C' N = 0 with the constraint Jacobian C along the motion, they continue to satisfy them, and
+first order are dx = N z, with one entry of z per degree of freedom. With the constraint Jacobian C
+along the motion, C A N + C' N = 0: deviations continue to satisfy the constraints, and
 
     z' = N^+ (A N - N') z + N^+ B u.
 
-N' is nonzero in general, because the constraint directions of a moving mechanism change.
-Here N = T S. T expresses deviations of quaternions as rotation vectors, and deviations of angular
-velocities likewise, in the frame relative to which the quaternion rotates. In this frame a wheel
+N' is nonzero in general, because the constraint directions of a moving mechanism change. Here
+N = T S. T replaces deviations of quaternions by rotation vectors, and deviations of angular
+velocities by the rates of these vectors, in the base frame of the quaternion. In this frame a wheel
 that spins about a fixed axle is a steady motion, and T' is known. S expresses dependent deviations
-in terms of independent ones. Its rows for independent deviations are constant, so that S' is zero
-there and is not needed.
+in terms of independent ones. Only its rows for independent deviations are differentiated; these are
+constant, so S' is not needed.
 """
 
 from __future__ import annotations
@@ -36,37 +36,37 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-10
 #: Rates below this fraction of max(largest rate, 1) count as zero.
 _STILL = 1e-6
-#: Relative tolerance for the consistency of differentiated redundant constraints.
+#: Relative tolerance for the consistency of the derivatives of redundant constraints.
 _AGREE = 1e-7
-#: Relative changes of the linear system along the motion below this count as zero.
+#: Changes of the linear system along the motion count as zero below this relative size.
 _SAME = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """A model linearised about a state, with all differential states except modes."""
+    """A model linearised about a state; its states are all differential states except modes."""
 
     #: Values and rates of the differential states.
     y: Array
     rates: Array
-    #: Derivatives of the rates with respect to states (A) and inputs (B); of the outputs (C, D).
+    #: Derivatives of rates (A, B) and outputs (C, D) with respect to states (A, C), inputs (B, D).
     A: Array
     B: Array
     C: Array
     D: Array
-    #: Jacobians of the constraints, without quaternion norms, and of their rates.
+    #: Jacobians of the constraints, without quaternion norms, and of the constraint rates.
     held: Array
     held_rates: Array
-    #: Number of coordinates, which are the first states, and of speeds, which are next.
+    #: Numbers of coordinates, which are the first states, and of speeds, which follow them.
     n_coordinates: int
     n_speeds: int
-    #: Index of an edge's first angular velocity by the index of its first quaternion entry.
+    #: Index of an edge's first angular velocity, by the index of its first quaternion entry.
     turns: Mapping[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A linear system in independent deviations z, dx = basis z."""
+    """A linear system in independent deviations z, with dx = basis z."""
 
     #: Matrices of z' = A z + B u and y = C z + D u.
     A: Array
@@ -74,15 +74,15 @@ class Reduced:
     C: Array
     D: Array
     basis: Array  # deviations of all states per unit of each z
-    rates: Array  # rates of the motion in terms of z
+    rates: Array  # rates of the motion, expressed in z
     #: Names of z: states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     names: tuple[str, ...]
 
 
 def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = None) -> Reduced:
-    """Transform a linear system to independent deviations, by default the best conditioned."""
+    """Transform a linear system to independent deviations, by default the best conditioned ones."""
     if not point.turns and not len(point.held_rates):
-        # Without constraints and quaternions all states are independent.
+        # Without constraints and quaternions, all states are independent.
         unit = np.eye(len(point.y))
         return Reduced(point.A, point.B, point.C, point.D, unit, point.rates, tuple(names))
     turn, turn_rate, back, own_names = _deviations(point, names)
@@ -111,7 +111,7 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     basis = turn @ spread
     along = back[free]
     return Reduced(
-        # N^+ (A N - N') with N = T S; in the independent rows N' = T' S.
+        # N^+ (A N - N') with N = T S; in the rows of independent deviations, N' = T' S.
         A=along @ (point.A @ basis - turn_rate @ spread),
         B=along @ point.B,
         C=point.C @ basis,
@@ -125,9 +125,9 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
 def reduce_along(
     point: Slopes, change: Slopes, found: Reduced, names: Sequence[str]
 ) -> tuple[Array, Array, Array]:
-    """Return the derivatives of the reduced A, B and C along a change of the full system.
+    """Return the derivatives of the reduced A, B and C for a change of the full system.
 
-    Raise SingularSystemError if rotations are quaternions, or if the change makes redundant
+    Raise SingularSystemError if the model has quaternions, or if the change makes redundant
     constraints inconsistent.
     """
     if not point.turns and not len(point.held_rates):
@@ -201,7 +201,7 @@ def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Arr
         # A small rotation vector e in the base frame changes q by (0, e) q / 2.
         along[entries] = 0.5 * _premultiplied(k, q)
         change[entries] = 0.5 * _premultiplied(k, rate)
-        # The columns are orthogonal with length |q| / 2: the scaled transpose is a left inverse.
+        # The columns are orthogonal with length |q| / 2, so the scaled transpose is a left inverse.
         back[entries] = 4.0 * along[entries] / (q @ q)
         found.append((along, change, back, f"{edge}.turn_{axis}"))
     return found
@@ -239,10 +239,10 @@ def _matrix(q: Array) -> Array:
 
 
 def core(system: Reduced) -> npt.NDArray[np.int_]:
-    """Return the deviations that remain after repeated elimination of those that affect no other.
+    """Return the deviations that remain if those without effect on others are removed repeatedly.
 
-    For a vehicle on a plane, positions are eliminated first, then heading and wheel angles. Each
-    eliminated deviation adds a zero eigenvalue.
+    For a vehicle on a plane, the positions are removed first, then heading and wheel angles. Each
+    removed deviation has a zero eigenvalue.
     """
     scale = np.maximum(
         _ROUNDING * np.max(np.abs(system.A), axis=1, initial=0.0),
@@ -267,7 +267,7 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 
 def is_same(first: Reduced, second: Reduced) -> bool:
-    """Return whether two systems agree in the deviations that :func:`core` keeps in the first."""
+    """Return whether two systems agree in the deviations of :func:`core` of the first."""
     block = np.ix_(core(first), core(first))
     size = np.max(np.abs(first.A[block]), initial=0.0)
     change = np.max(np.abs(first.A[block] - second.A[block]), initial=0.0)

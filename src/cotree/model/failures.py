@@ -1,4 +1,4 @@
-"""Messages on failed kernels: C returns a status, and Python finds the cause."""
+"""Messages on failed kernels: C returns only a status, and Python finds the cause."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))
     lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
-    # Infinity may be harmless, nan propagates: the first node with nan has arguments without nan.
+    # Infinity may be harmless, but nan propagates: the first nan has arguments without nan.
     wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
     if wrong is None:
         wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
@@ -49,8 +49,8 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
 
 
 def _place(program: Program, wrong: Node) -> str:
-    """Return the innermost field of an operation or an argument, the last (a divisor) first."""
-    origins = dict(program.dag.origins)  # copied, since other threads may add nodes
+    """Return the innermost named field that contains an operation, or a field of its arguments."""
+    origins = dict(program.dag.origins)  # a copy, because other threads may add nodes
     found: list[tuple[int, str]] = []
     for node, name in origins.items():
         inside = reachable([node])
@@ -76,7 +76,7 @@ def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
     layout = program.layout
     symbols = [
         symbol for symbol in symbols_in([wrong]) if symbol in given
-    ]  # without the symbols of branches in piecewise expressions
+    ]  # symbols of branches in piecewise expressions have no values
     named = [(_name(layout, symbol), given[symbol]) for symbol in symbols]
     texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
     if len(named) > _MOST_NAMES:
@@ -127,7 +127,7 @@ def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularS
 
 
 def _position(program: Program, x: Any) -> str:
-    """Return the coordinate values as a phrase; empty if they are unknown or too many."""
+    """Return the coordinates' values as a phrase; empty if they are unknown or too many."""
     layout = program.layout
     n = layout.n_coordinates
     if x is None or not 0 < n <= _MOST_COORDINATES or np.ndim(x) != 1:

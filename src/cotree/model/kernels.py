@@ -1,7 +1,7 @@
 """Compiled C kernels as Python functions of contiguous arrays of doubles.
 
-A result is a buffer of its kernel, which the next call overwrites. Each thread has its own buffers
-and prepared parameters. Kernels of implicit methods (``cotree_newton``) are built at first use.
+A kernel returns a buffer, which its next call overwrites. Each thread has its own buffers and
+prepared parameters. Kernels of implicit methods (``cotree_newton``) are built at first use.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ class Newton:
     """C functions of a model that factorise Newton matrices and compute second derivatives."""
 
     address: int  # address of the function ``cotree_newton``
-    library: LoadedLibrary  # loaded library; the reference keeps its code in memory
+    library: LoadedLibrary  # the reference keeps the loaded code in memory
 
 
 def load_newton(program: Program) -> Newton | None:
     """Build and load a model's ``cotree_newton``; return None if that is impossible."""
     if find_toolchain() is None:
         return None
-    # Imported here, because explicit methods do not need it.
+    # Imported here, because explicit methods do not need these modules.
     from cotree.codegen.newton import newton_context, newton_declarations, render_newton
 
-    # Second derivatives add nodes to the graph, which several threads share.
+    # Second derivatives add nodes to the graph, which several threads share: a lock is needed.
     with forming:
         model = newton_context(program)
         files = render_newton(model)
@@ -60,7 +60,7 @@ def load_newton(program: Program) -> Newton | None:
 def load_kernels(
     model: KernelFile, files: Mapping[str, str], declarations: str, options: BuildOptions
 ) -> LoadedLibrary | None:
-    """Build and load further C functions of a model; return None if that is impossible."""
+    """Build and load additional C functions of a model; return None if that is impossible."""
     toolchain = find_toolchain()
     with contextlib.suppress(BuildError):
         if toolchain is not None:
@@ -84,11 +84,11 @@ class StepWork:
     rates: int
     augmented: int
     jacobian: int
-    #: Entries of the factors of the planned sparse elimination, and products to compute them.
+    #: Entries of the factors in the planned sparse elimination, and products to compute them.
     n_factors: int
     n_products: int
     is_unrolled: bool  # whether the C code has no loops
-    #: The same with row exchanges, in banded form if the band is narrow.
+    #: Both counts for factors with row exchanges, in banded form if the band is narrow.
     n_banded: int
     n_banded_products: int
 
@@ -125,20 +125,20 @@ class NativeModel:
     """A C model with prepared parameters, the argument of the C integrators."""
 
     address: int  # address of the function ``cotree_model``
-    #: Parameters, and the values that ``prepare`` computed from them.
+    #: Parameters, and the values that the kernel ``prepare`` computed from them.
     p: Array
     k: Array
-    library: LoadedLibrary  # loaded library; the reference keeps its code in memory
+    library: LoadedLibrary  # the reference keeps the loaded code in memory
     layout: Layout
     can_extend: bool  # whether the library can compute rates of the algebraic unknowns
-    #: Returns ``cotree_newton``, built at the first call, or None if that is impossible.
+    #: Function that returns ``cotree_newton``, built at the first call; None if that is impossible.
     newton: Callable[[], Newton | None]
-    #: Returns the operation counts of an implicit step, or None if there are none.
+    #: Function that returns the operation counts of an implicit step, or None if they are unknown.
     work: Callable[[], StepWork | None]
 
 
 class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
-    """Kernels of one thread: C function, arguments, result, whether t is the first argument."""
+    """Kernels of one thread: C function, arguments, result, and whether t is an argument."""
 
     def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
         super().__init__()
@@ -152,7 +152,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         self.prepared = (self._pointers["p"], self._pointers["k"])
 
     def __missing__(self, name: str) -> tuple[Any, tuple[Any, ...], Array, bool]:
-        if name not in self._n_results:  # a kernel without results is not called
+        if name not in self._n_results:  # such a kernel is never called
             self[name] = absent = (lambda *_: 0), (), np.zeros(0), True
             return absent
         # Time is passed by value; all other arguments are pointers that never change.
@@ -184,7 +184,7 @@ class Kernels:
     def __init__(self, text: ModelText, library: LoadedLibrary) -> None:
         layout = text.layout
         model = getattr(library.lib, f"{text.prefix}_abi")()
-        # Other versions may lay out the structure differently.
+        # In other versions, the structure may have a different layout.
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # the reference keeps the code in memory
@@ -223,11 +223,11 @@ class Kernels:
         """
         bound = self._own.bound
         function, arguments, result, is_timed = bound[name]
-        # Values are copied to bound pointers, since new pointers cost more than a small kernel.
+        # Values are copied to bound arrays, because new pointers cost more than a small kernel.
         if x.size:
             bound.x[: x.size] = x
         if s.size:
-            bound.s[: s.size] = s  # event_rates takes the sensitivities in one direction only
+            bound.s[: s.size] = s  # event_rates takes a single column of sensitivities
         if u.size:
             bound.u[: u.size] = u
         status = function(t, *arguments) if is_timed else function(*arguments)
@@ -238,12 +238,12 @@ class Kernels:
 
     def native(self) -> NativeModel | None:
         """Return the C model with this thread's parameters, or None without a compiler."""
-        # Copied, since this thread may prepare other parameters during the run.
+        # The arrays are copied, because this thread may prepare other parameters during the run.
         bound = self._own.bound
         return changed(self._native, p=bound.p.copy(), k=bound.k.copy())
 
     def address(self, name: str) -> int | None:
-        """Return the address of a C kernel, or None if the library has no such kernel."""
+        """Return the address of a C kernel, or None if the library does not contain it."""
         if name not in self._text.traits.n_results:
             return None
         return int(self._library.ffi.cast("uintptr_t", self._own.bound[name][0]))
@@ -264,7 +264,7 @@ NO_COMPILER = (
 
 
 class MissingKernels(Kernels):
-    """Substitute for the kernels on a machine without a compiler: every call raises SolveError."""
+    """Substitute for kernels on a machine without a compiler: every call raises SolveError."""
 
     backend = "none"
 
@@ -313,13 +313,13 @@ def build_engine(code: SharedCode) -> LoadedLibrary | None:
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    # Vectorised sums speed up steps by 20 to 25 %; other files would only compile more slowly.
+    # Vectorised sums accelerate the steps in engine.c by 20 to 25 %, but slow down compilation.
     try:
         _, loaded = obtain_library(
             code.files,
             code.declarations,
             abi_version=ABI_VERSION,
-            # Has no effect, since the optimisation levels are set below.
+            # This has no effect, because the optimisation levels are set below.
             n_operations=1,
             options=BuildOptions("-O1"),
             toolchain=toolchain,

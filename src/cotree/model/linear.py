@@ -22,9 +22,9 @@ Matrix = Any
 #: Relative change of an unknown that counts as a rounding error.
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
-#: A step that no longer halves is a rounding error if it is below the first fraction of its
-#: unknown, because Newton's method converges quadratically. For an unknown that is zero up to
-#: rounding, the limit is the second fraction times :attr:`Linear.scale`.
+#: Newton's method converges quadratically: a step that no longer halves is a rounding error if it
+#: is below the first fraction of its unknown. For an unknown that is zero up to rounding, the limit
+#: is the second fraction times :attr:`Linear.scale`.
 SMALL = LIMITS.small_correction
 _STALLED = 1e4 * float(np.finfo(np.float64).eps)
 
@@ -37,13 +37,13 @@ _FEW, _SHARE = 60, 0.1
 #: Number of random sign vectors that estimate the rounding errors of large systems.
 _PROBES = 16
 
-#: Number of inverse iterations; least ratio of a nonzero singular value to its error.
+#: Number of inverse iterations, and minimum ratio of a nonzero singular value to its error.
 _ROUNDS, _CLEARLY = 4, 1e3
 
-#: Minimum rounding error of singular values, in units of machine precision times the largest one.
+#: Minimum rounding error of singular values, in machine precisions times the largest one.
 _WEAK = 10
 
-#: In a unit null vector, unknowns with smaller components count as not involved.
+#: Unknowns are involved in a unit null vector if their component exceeds this value.
 _INVOLVED = 0.1
 
 
@@ -53,14 +53,14 @@ def is_sparse(n: int, n_nonzeros: int) -> bool:
 
 
 class Linear(NamedTuple):
-    """Linear equations of one Newton step; a tuple for speed."""
+    """The linear equations of one Newton step; a tuple, because it is created quickly."""
 
     #: ``solve(b)`` solves with the Jacobian of the unknowns; b may be a matrix.
     solve: Callable[[Array], Array]
     #: Scale of each unknown: its magnitude plus its change if each term of the equations changes by
     #: 100 %. Its rounding error is about this scale times the machine precision.
     scale: Array
-    #: Summed magnitudes of each equation's terms; infinite if only steps decide on convergence.
+    #: Summed magnitudes of each equation's terms; infinite if only the steps decide on convergence.
     sizes: Array | float = math.inf
 
     def measured(self, step: Array) -> tuple[Array, float]:
@@ -80,7 +80,7 @@ class Linear(NamedTuple):
     def is_met(self, g: Array) -> bool:
         """Return whether residuals are cancellation errors of larger terms.
 
-        Short steps alone do not prove convergence: if the matrix is nearly singular, the scales are
+        A short step does not prove convergence: if the matrix is nearly singular, the scales are
         large.
         """
         return bool((np.abs(g) <= _MET * self.sizes + TINY).all())
@@ -92,7 +92,7 @@ def longest(step: Array) -> float:
 
 
 def linearise(slope: Matrix, y: Array) -> Linear:
-    """Factorise the last columns of the Jacobian at y; raise LinAlgError if it is singular."""
+    """Factorise the last columns of the Jacobian at y; raise LinAlgError if they are singular."""
     n = slope.shape[0]
     # The rounding error of an equation is proportional to the summed magnitudes of its terms.
     sizes: Array = abs(slope).dot(np.abs(y))
@@ -112,7 +112,7 @@ def linearise(slope: Matrix, y: Array) -> Linear:
 
 
 def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
-    """Solve a square system whose entries sum ``values``; raise LinAlgError if it is singular."""
+    """Solve a system whose entries are sums of ``values``; raise LinAlgError if it is singular."""
     from scipy.sparse import coo_matrix
 
     matrix = coo_matrix((values, (rows, columns)), shape=(len(b), len(b)))
@@ -150,16 +150,16 @@ def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Arr
 
 @functools.lru_cache(maxsize=8)
 def _signs(n: int) -> Array:
-    """Return random signs, the same in every call, shape (n, number of probes)."""
+    """Return random signs, shape (n, number of probes); every call returns the same signs."""
     return np.random.default_rng(0).choice([-1.0, 1.0], (n, _PROBES))
 
 
 def _factorised(matrix: Matrix) -> Callable[..., Array]:
-    """Factorise a sparse matrix and return its solver; ``"T"`` selects the transpose."""
+    """Factorise a sparse matrix; return its solver, for which ``"T"`` selects the transpose."""
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
-    # Rows are scaled, since pivots are chosen within columns and rows may have different units.
+    # Rows are scaled, because they may have different units and pivots are chosen within columns.
     size = abs(matrix.tocsr()).max(axis=1).toarray().ravel()
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     try:
@@ -189,12 +189,12 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
 
 
 def independent_columns(rows: Array) -> list[int]:
-    """Return the independent columns that leave the other columns well conditioned."""
+    """Return the columns to choose as independent, such that the others are well conditioned."""
     if not rows.size:
         return list(range(rows.shape[1]))
     from scipy.linalg import qr
 
-    # Pivoting selects the best-conditioned columns as dependent; the others are independent.
+    # Pivoting takes the best conditioned columns first: these are dependent, the last independent.
     triangle, order = qr(rows, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.count_nonzero(diagonal > RANK * diagonal[0]))
@@ -202,7 +202,7 @@ def independent_columns(rows: Array) -> list[int]:
 
 
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
-    """Return the unknowns that all matrices, with scaled rows and columns, leave undetermined."""
+    """Return the unknowns that every matrix, with scaled rows and columns, leaves undetermined."""
     involved: tuple[int, ...] = ()
     for slope in slopes:
         if not isinstance(slope, np.ndarray):

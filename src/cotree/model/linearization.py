@@ -1,6 +1,6 @@
 """Linear systems for users: named matrices, eigenvalues, their derivatives, and export.
 
-The derivative of an eigenvalue is w A' v / (w v) with its left eigenvector w and its right
+The derivative of an eigenvalue is w A' v / (w v) with the left eigenvector w and the right
 eigenvector v; see J. R. Magnus, On differentiating eigenvalues and eigenvectors, Econometric Theory
 1 (1985). It does not exist for multiple eigenvalues.
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Relative distance below which eigenvalues count as equal: rounding splits a defective double
+#: Eigenvalues within this relative distance count as equal: rounding splits a defective double
 #: eigenvalue by the square root of the machine precision. An eigenvalue also counts as multiple if
 #: the cosine between its left and right eigenvectors is below this value.
 _SPLIT = float(np.finfo(np.float64).eps) ** 0.5
@@ -40,7 +40,7 @@ def eigenvalue_slopes(matrix: Array, slope: Array) -> npt.NDArray[np.complex128]
     if not matrix.size:
         return np.zeros(0, dtype=complex)
     values, left, right = eig(matrix, left=True, right=True)
-    # cosines between left and right eigenvectors of unit length
+    # Cosines between left and right eigenvectors of unit length.
     cosines = np.einsum("ij,ij->j", left.conj(), right)
     weak = np.abs(cosines) <= _SPLIT
     far = np.abs(values[:, None] - values)
@@ -84,13 +84,13 @@ class Linearization(Reported):
         Shapes (n, n), (n, n_inputs), (n_outputs, n) and (n_outputs, n_inputs) with n deviations.
         Their units follow from the units of states, inputs and outputs.
     states, inputs, outputs : tuple of str
-        Names along the axes. In the full form, ``states`` are the differential states except
-        modes; in the reduced form, the independent ones. The reduced form replaces quaternions by
+        Names along the axes. In the full form, ``states`` are the differential states except modes;
+        in the reduced form, they are the independent ones. The reduced form replaces quaternions by
         small rotations ``EDGE.turn_x`` to ``EDGE.turn_z`` about the axes of the edge's first node,
-        with the rates ``EDGE.turn_x_dot``.
+        with rates ``EDGE.turn_x_dot`` to ``EDGE.turn_z_dot``.
     basis : ndarray, shape (n_states, n)
         Deviations of all differential states per unit of each z. In the full form, the columns are
-        unit vectors. Rows of modes are zero, since small deviations do not change modes.
+        unit vectors. Rows of modes are zero, because small deviations do not change modes.
     is_steady : bool
         Whether the motion is steady, so that the linear system is constant and the eigenvalues of
         the reduced A determine stability. About any other motion, the linear system is valid only
@@ -140,7 +140,7 @@ class Linearization(Reported):
     def eigenvalues(self) -> npt.NDArray[np.complex128]:
         """The eigenvalues of A, [1/s], shape (n,), by descending real part.
 
-        They determine stability only if :attr:`is_steady`.
+        They determine stability only if :attr:`is_steady` is true.
         """
         found = np.linalg.eigvals(self.A).astype(complex)
         return found[order_of(found)]
@@ -163,7 +163,7 @@ class Linearization(Reported):
     def eigenvalue_sensitivity(self, name: str) -> npt.NDArray[np.complex128]:
         """Return the derivatives of :attr:`eigenvalues` with respect to a parameter, in order.
 
-        Each derivative is w A' v / (w v) with the left eigenvector w and the right eigenvector v.
+        Each one is w A' v / (w v) with the left eigenvector w and the right eigenvector v.
 
         Returns
         -------
@@ -174,7 +174,7 @@ class Linearization(Reported):
         ParameterError
             If the parameter is not in ``sensitivities`` of :meth:`cotree.Model.linearize`.
         SingularSystemError
-            If eigenvalues coincide, since multiple eigenvalues are not differentiable.
+            If eigenvalues coincide, because multiple eigenvalues are not differentiable.
         """
         return eigenvalue_slopes(self.A, self.sensitivity(name).A)
 

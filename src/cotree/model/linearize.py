@@ -1,7 +1,7 @@
 """Linearisation of a model about a state, in deviations of all states or of independent states.
 
 Algebraic unknowns are eliminated. Derivatives of the linear system are formed once, along a
-symbolic direction, and evaluated for each parameter.
+symbolic direction, and then evaluated for each parameter.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Variation:
         found = symbols_in(self._nodes)
         changes = [symbol for symbol in found if symbol.data[0] in _CHANGES.values()]
         self._changes = {symbol: symbol.data for symbol in changes}
-        #: Symbols whose values the evaluation needs, apart from the direction.
+        #: Symbols whose values the evaluation needs in addition to the direction.
         self.symbols = frozenset(found) - frozenset(changes)
 
     def along(self, values: Mapping[Node, float], direction: Direction) -> Array:
@@ -95,7 +95,7 @@ def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
     return np.asarray(change[:cut, :-n] - change[:cut, -n:] @ x - moved[:cut, -n:] @ dx)
 
 
-#: Relative change of the fastest state before a motion is linearised again for comparison.
+#: Relative change of the fastest state after which the linear system is compared.
 _ASIDE = 0.1
 
 
@@ -116,9 +116,9 @@ class Linearizer:
             for column in equations.columns
             for node in (*(column.held[i] for i in with_value), *column.held_rates)
         ]
-        #: Constraints and their rates, differentiated only with respect to parameters.
+        #: Constraints and their rates, which are differentiated only with respect to parameters.
         self._values_held = [*valued.values(), *rows.rates]
-        # ``output_values`` ends with the event functions.
+        # Event functions follow the outputs in ``output_values``.
         self._outputs = solved.substitute(equations.output_values[: len(equations.outputs)])
         self._n_values = len(with_value)
         self._others = [*rates, *held]
@@ -127,7 +127,7 @@ class Linearizer:
         # The last result of a `solve` node is true if its matrix is regular.
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
         self._symbols = symbols_in([*self._nodes, *self._others, *self._accepted])
-        #: Whether the equations, or the scene's inputs, depend explicitly on time.
+        #: Whether the equations depend explicitly on time, and whether the scene's inputs do.
         self.is_timed = equations.dag.symbol("t", 0) in found
         self.has_timed_inputs = equations.dag.symbol("t", 0) in reachable(equations.input_values)
 
@@ -176,8 +176,8 @@ class Linearizer:
     ) -> tuple[Array, Array, Array]:
         """Evaluate the rates and the full Jacobian, in which algebraic unknowns count as states.
 
-        Return the rates and algebraic residuals, (n_states,); their Jacobian and the outputs' with
-        respect to states and inputs; and the Jacobian of the constraints and their rates.
+        Return the rates and algebraic residuals, (n_states,); the Jacobian of these and the outputs
+        with respect to states and inputs; and the Jacobian of the constraints and their rates.
         """
         values = self._values(t, y, p, u)
         with np.errstate(all="ignore"):
@@ -229,13 +229,13 @@ class Linearizer:
         return self._inputs.along(values, Direction(y, none, dp))
 
     def _changed(self, at: EvaluationPoint, y: Array, direction: Direction) -> Slopes:
-        """Differentiate the linearisation along a direction, including algebraic unknowns."""
+        """Differentiate the linearisation along a direction, including the algebraic unknowns."""
         n, whole = self._n_differential, self.whole(at.t, y, at.p, at.inputs)[1]
         if self._equations.n_algebraic:
             moved, dy = self._moved_behind(whole), direction.y.copy()
             dy[n:] = 0.0
             held = replace(direction, y=dy)
-            # The unknowns follow from g(y, u, p) = 0.
+            # The change of the unknowns follows from g(y, u, p) = 0.
             left = self.by_parameters(at, y, held)[n : len(dy)]
             dy[n:] = -np.linalg.solve(moved[-len(left) :, -len(left) :], left)
             direction = replace(direction, y=dy)
@@ -321,7 +321,7 @@ class Linearizer:
     def _stays(self, at: EvaluationPoint, y: Array, point: Slopes, here: Reduced) -> bool:
         """Return whether the linear system is constant along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
-        # equilibrium of an autonomous system
+        # This is the equilibrium of an autonomous system.
         if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):
             return True
         # In this time, at most 0.1 s, the fastest state changes by a tenth.
@@ -376,7 +376,7 @@ class Linearizer:
         states = zip(self._equations.states, y, strict=True)
         values = {state.symbol: float(value) for state, value in states}
         known: dict[str, Sequence[float] | Array] = {"t": [t], "p": p, "u": u}
-        # Symbols are looked up, not created, since a new one would alter the shared graph.
+        # Symbols are looked up, because creating one would alter the shared graph.
         for symbol in self._symbols if symbols is None else symbols:
             kind, position = symbol.data
             if kind in known:
@@ -440,7 +440,7 @@ def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]
 def unit_direction(linearizer: Linearizer, at: EvaluationPoint, name: str) -> Direction:
     """Return the unit direction of a parameter, input or state, or else raise ParameterError.
 
-    Inputs of the scene change with the parameters on which they depend.
+    Along a parameter, inputs of the scene that depend on it change, too.
     """
     model = at.model
     y, u, p = (np.zeros(len(row)) for row in (model.states, model.inputs, model.parameters))

@@ -65,11 +65,11 @@ def load_model(
 
 
 class OperatingPoint:
-    """Computation of the operating point of a network, at which a model starts.
+    """Computation of the operating point of a network, which is the start of its runs.
 
     The operating point is the steady state of a second scene, in which storages are at rest
-    (:mod:`cotree.scene.variants`). This scene has only algebraic unknowns, which are found with
-    limited junctions, parallel conductances and source stepping. ``text`` returns its C text.
+    (:mod:`cotree.scene.variants`). This scene has only algebraic unknowns, which the searches of
+    :mod:`cotree.model.roots` find. ``text`` returns its C text.
     """
 
     def __init__(self, model: CompiledModel, text: Callable[[], ModelText]) -> None:
@@ -89,7 +89,8 @@ class OperatingPoint:
         """Return the states at rest and their sensitivities.
 
         On entry, ``s``, (n_states, n_sensitivities), contains the sensitivities of the scene's
-        initial values; all columns are overwritten, except columns of initial values.
+        initial values. Its columns for parameters are overwritten; those for initial values are
+        kept.
         """
         model, rest = self._model, self.at_rest
         known = dict(zip(model.parameters, p.tolist(), strict=True))

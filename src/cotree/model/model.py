@@ -88,7 +88,7 @@ class Rest(Protocol):
         ...
 
 
-# Maximum number of run settings for which a model caches prepared runs.
+# Maximum number of run settings for which a model caches preparations.
 _MOST_KEPT = 8
 
 
@@ -98,7 +98,7 @@ class CompiledModel:
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
     :attr:`parameters` and :attr:`inputs`; None selects the scene's values. ``p`` may also be a
     mapping that replaces the values of some parameters by name. Results are new arrays. Several
-    threads may call the same model at the same time, each with its own parameters.
+    threads may call the same model at the same time, each with different parameters.
 
     Parameters
     ----------
@@ -116,8 +116,8 @@ class CompiledModel:
     cached : bool
         Whether the library was found in the cache.
     rest : callable or None
-        Computes the operating point at which the model starts; None if it starts at the scene's
-        initial values.
+        Function that computes the operating point at which runs start; None if runs start at the
+        scene's initial values.
     layout : Layout
         Names, units and patterns.
     states, parameters, inputs, outputs : tuple of str
@@ -127,7 +127,7 @@ class CompiledModel:
     structure : Structure
         Sparsity patterns of the derivatives.
     kept : RecentCache
-        Prepared runs by their settings; see :mod:`cotree.solvers.prepare`.
+        Preparations of runs by their settings; see :mod:`cotree.solvers.prepare`.
     """
 
     def __init__(
@@ -199,21 +199,21 @@ class CompiledModel:
         return derived_values(self.layout.derived, self.parameter_array(p))
 
     def arguments_of(self, values: Mapping[str, float]) -> Array:
-        """Return the parameter array from a run's values, which include derived parameters."""
+        """Return the parameter array from a run's parameter values, which include derived ones."""
         return self.parameter_array({name: values[name] for name in self._place_of})
 
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
         """Return a kernel as a function of time, states, flat sensitivities and inputs.
 
-        The function is for solvers and neither checks nor copies. Its result is a buffer, valid
-        until the calling thread calls the kernel again. The kernels are prepared for p again if
-        another call has changed the parameters.
+        For speed in solvers, the function neither checks nor copies. Its result is a buffer, valid
+        until the calling thread calls the kernel again. If another call has changed the parameters,
+        the kernels are prepared for p again.
         """
         kernels, own, has_inputs = self._kernels, self._own, bool(self.inputs)
         kernel = self._kernel(name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
-            # Compared by identity: a comparison of values takes as long as a small kernel.
+            # Arrays are compared by identity: comparing values takes as long as a small kernel.
             if own.prepared is not p:
                 self.set_parameters(p)
             if u is None:
@@ -281,13 +281,13 @@ class CompiledModel:
     def set_parameters(self, p: Array) -> None:
         """Prepare the kernels for a parameter array, which must never be changed in place.
 
-        Later calls recognise the array by its identity. Raise ParameterError if a value is not
-        finite or a guard of the model rejects it.
+        Later calls compare arrays by identity. Raise ParameterError if a value is not finite or a
+        guard of the model rejects it.
         """
         own = self._own
-        # Bits are compared: 0.0 equals -0.0, but 1 / p differs.
+        # Bits are compared, because 0.0 equals -0.0 although 1 / p differs.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():
-            # A dot product detects nan and infinity in one pass, but may itself overflow.
+            # The dot product detects nan and infinity in one pass, but it may also overflow.
             with np.errstate(over="ignore"):
                 square = p.dot(p)
             if not (math.isfinite(square) or np.isfinite(p).all()):
@@ -314,7 +314,7 @@ class CompiledModel:
 
     @property
     def slow_causes(self) -> str:
-        """Sentences on values in the scene that require short steps; empty if none is known."""
+        """Messages on values in the scene that require short steps; empty if none is known."""
         return self.text.slow_causes
 
     @property
@@ -343,8 +343,8 @@ class CompiledModel:
     ) -> RestartTimes:
         """Return the times of jumps and kinks; see :meth:`Program.restart_times`.
 
-        ``span`` is the start and end of a run in either order, [s]; ``given`` contains the inputs
-        that the run replaces, and ``others`` further times, such as breakpoints of tables, [s].
+        ``span`` contains start and end of a run in either order, [s]; ``given`` contains the inputs
+        that the run replaces, and ``others`` additional times, such as breakpoints of tables, [s].
         """
         ends = (min(span), max(span))
         return self.program.restart_times(p.tolist(), ends, given, others, time_limit)
@@ -362,7 +362,7 @@ class CompiledModel:
 
     @locked_cached_property
     def slopes(self) -> dict[str, tuple[int, int]]:
-        """Row and column of each state sensitivity by its name ``d(STATE)/d(PARAMETER)``."""
+        """Row and column of each state sensitivity, by its name ``d(STATE)/d(PARAMETER)``."""
         rows, columns = list(enumerate(self.states)), list(enumerate(self.sensitivities))
         return {f"d({own})/d({by})": (i, j) for i, own in rows for j, by in columns}
 
@@ -374,22 +374,22 @@ class CompiledModel:
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
         """Return initial states and sensitivities, from the operating point or the scene.
 
-        Shapes are (n_states,) and (n_states, n_sensitivities). ``t`` is the start time, [s]; if u
-        is None, the scene's inputs are used.
+        Shapes are (n_states,) and (n_states, n_sensitivities). ``t`` is the start time, [s]; u =
+        None selects the scene's inputs.
         """
         y, s = self.initial(p), self.initial_sensitivity(p)
         return (y, s) if self.rest is None or not self.states else self.rest(t, p, u, s)
 
     @locked_cached_property
     def junctions(self) -> Junctions:
-        """The algebraic equations with their exponentials, for the search from a poor guess."""
+        """The algebraic equations with separate exponentials, for searches from a poor guess."""
         from cotree.model.roots import Junctions
 
         return Junctions.of(self.program)
 
     def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
         """Return the residuals of :attr:`constraints`, shape (n_constraints,)."""
-        if not self.constraints:  # the model then has no such kernel
+        if not self.constraints:  # such models have no kernel for constraints
             return np.zeros((0, *np.shape(y)[1:]))
         return self._at("constraints", t, y, p, None)
 
@@ -455,7 +455,7 @@ class CompiledModel:
         return blocks.swapaxes(0, 1).copy()
 
     def _at(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
-        # Labelled values are ordered by their labels, as in ``parameters``.
+        # Values with labels, such as a pandas series, are reordered by name.
         if type(y) is not np.ndarray:
             y = in_order(y, self.states, "state")
         if u is not None and type(u) is not np.ndarray:
@@ -501,12 +501,12 @@ class StatesOnly(CompiledModel):
             input_sensitivities=((),) * len(text.layout.inputs),
         )
         super().__init__(replace(text, layout=layout), model._kernels)
-        # Both models share kernels, and hence each thread's prepared parameters.
+        # Both models share the kernels, and thus the prepared parameters of each thread.
         self._own, self._whole_model, self.rest = model._own, model, model.rest
 
     @locked_cached_property
     def program(self) -> Program:
-        """The program of the original model, with a layout without sensitivities."""
+        """The program of the original model, whose layout contains no sensitivities."""
         return replace(self._whole_model.program, layout=self.layout)
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
@@ -522,7 +522,7 @@ class StatesOnly(CompiledModel):
     def native(self, p: Array) -> NativeModel | None:
         """Return the C model; see :meth:`CompiledModel.native`."""
         native = super().native(p)
-        # This kernel may exist even if the kernel with sensitivities was too long.
+        # This kernel may exist even if the one with sensitivities was too long to compile.
         return native and changed(native, can_extend=self.traits.can_extend(self.layout))
 
 
@@ -537,14 +537,14 @@ class EvaluationPoint:
 
     @property
     def inputs(self) -> Array:
-        """The inputs of the point, or else of the scene, shape (n_inputs,)."""
+        """The given inputs, or those of the scene, shape (n_inputs,)."""
         return self.model.input_values(self.t, self.p) if self.u is None else self.u
 
     def call(self, kernel: str, y: Array, s: Array | None = None) -> Array:
-        """Evaluate a kernel; sensitivities to each parameter are consecutive in the new array."""
+        """Evaluate a kernel; in its result, sensitivities to each parameter are consecutive."""
         along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
         return self.model.bound(kernel, self.p)(self.t, y, along, self.u).copy()
 
     def event_values(self, y: Array, s: Array | None = None) -> Array:
-        """Evaluate the event functions without the switching functions, shape (n_events,)."""
+        """Evaluate the event functions, without switching functions of laws, shape (n_events,)."""
         return self.call("events", y, s)[: len(self.model.layout.events)]

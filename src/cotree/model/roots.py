@@ -2,14 +2,14 @@
 
 One of these tests decides whether a step is accepted:
 
-- natural monotonicity: the next step with the same matrix must be shorter. The test does not depend
-  on the units of the residuals. The next step is reused if the iteration converges fast enough;
+- natural monotonicity: a step computed with the same matrix at the new point must be shorter. This
+  does not depend on the units of the residuals. Fast convergence permits reuse of this step;
 - residual: the norm of the row-scaled residual must decrease;
-- whole steps: every step is accepted; the next step is reused as with natural monotonicity;
-- none: every step is accepted and uses the matrix of its own point; only the equations limit steps.
+- whole steps: every step is accepted; matrices are reused as with natural monotonicity;
+- none: every step is accepted, and each point has a new matrix; only the equations limit steps.
 
-An iteration has converged if a step is a rounding error, or is small and no longer shrinks. See P.
-Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapters 2 and 3.
+An iteration has converged if a step is a rounding error, or if it is small and no longer shrinks.
+See P. Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapters 2 and 3.
 
 Searches from a poor guess use the same iteration, in this order:
 
@@ -18,13 +18,13 @@ Searches from a poor guess use the same iteration, in this order:
    there is one, then from the caller's guess.
 3. Damped by the residual test.
 4. By continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. If all
-   terminal equations vanish at zero, g(0) consists of sources and states: from zero this is source
-   stepping.
+   terminal equations vanish at zero, g(0) contains only sources and states, so continuation from
+   z0 = 0 is source stepping.
 
-Methods 2 to 4 are repeated from zero and from random points nearby. See chapters 3 and 5 of the
-book.
+Methods 2 to 4 are repeated from zero and from random points near the guess. See chapters 3 and 5 of
+the book.
 
-The guess by :class:`Junctions` is a root of equations in which exponents are also unknowns:
+:class:`Junctions` computes its guess from equations in which exponents are additional unknowns:
 
 1. A step that raises an exponent by more than a few units is limited such that the exponential
    grows by the amount that its tangent predicts, as in SPICE (pnjlim).
@@ -56,13 +56,13 @@ if TYPE_CHECKING:
     from cotree.program.program import Program
 
 
-#: Most further steps expected with a reused matrix; a new one squares the error per step.
+#: Maximum number of further steps with a reused matrix; a new one squares the error per step.
 _FEW = 3
 
 #: Minimum decrease of the residual, as a fraction of the linear prediction (Armijo's rule).
 _ARMIJO = 1e-4
 
-#: Numbers of neighbouring points and of distances in the test for rounding errors of residuals.
+#: Test for rounding errors of residuals: number of neighbouring points, and of their distances.
 _NEIGHBOURS, _DISTANCES = 8, 5
 
 
@@ -89,7 +89,7 @@ class Equation:
 
     ``value(z)`` returns a new array, shape (n_carried + n,). ``slope(z)`` returns the derivatives
     with respect to the constants ``held``, (m,), then to the unknowns, as a full or CSR matrix,
-    (n, m + n). The constants contribute to the summed magnitudes of terms.
+    (n, m + n). Terms with constants contribute to the summed magnitudes of terms.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class Equation:
 
 
 class Root(NamedTuple):
-    """Result of an iteration: a root, or the last or best point if there is none."""
+    """Result of an iteration: a root or, if none was found, the last or the best point."""
 
     z: Array  # unknowns at the point
     values: Array  # values of the equations at the point
@@ -144,7 +144,7 @@ class Root(NamedTuple):
 
 
 class _Following(NamedTuple):
-    """Matrix and step for the next iteration to reuse; None if it must compute its own."""
+    """Matrix and step for reuse in the next iteration; None if it must compute them."""
 
     linear: Linear | None = None
     step: Array | None = None
@@ -154,7 +154,7 @@ _REFACTOR = _Following()
 
 
 class NaturalTest:
-    """Test that accepts a step if the next one is shorter by ``share`` times the damping."""
+    """Test that accepts a step if the next one is shorter by the fraction ``share`` * damping."""
 
     share = 0.25  # as recommended by Deuflhard
 
@@ -205,10 +205,10 @@ class NewtonLimits:
     """Settings of an iteration: number of steps, test, damping and convergence."""
 
     most_steps: int  # maximum number of steps
-    #: Test for accepting a step; None accepts all full steps.
+    #: Test that accepts or rejects a step; None accepts all full steps.
     test: type[NaturalTest] | type[ResidualTest] | None = None
     least_damping: float = 1.0  # smallest damping factor
-    #: Relative size below which a step, or with a test the next step, ends the iteration.
+    #: A step below this relative size ends the iteration; with a test, the predicted next step.
     settled: float = ROUNDING
 
 
@@ -217,23 +217,22 @@ def iterate(
 ) -> Root:
     """Take Newton steps until a step is a rounding error.
 
-    ``linear`` contains the equations of a nearby point, reused as long as convergence is fast.
-    Return the root; if no step is accepted, a matrix is singular or the maximum number of steps is
-    reached, return the point with the least residual. Limits with a test require an
-    :class:`Equation`.
+    ``linear`` contains the linear equations of a nearby point, reused while convergence is fast.
+    Return the root or, if no step is accepted, a matrix is singular or the maximum number of steps
+    is reached, the point with the least residual. Limits with a test require an :class:`Equation`.
     """
     point = best = _at(equations, z)
     least = best.size
     kept, step = _Following(linear), None
     for _ in range(limits.most_steps):
-        # The dot product is faster, but squares may overflow.
+        # The dot product is faster than a test of all entries, but it may overflow.
         if not (math.isfinite(point.g.dot(point.g)) or np.isfinite(point.g).all()):
             break
         is_old, before = kept.linear is not None, step
         try:
             linear = kept.linear or equations.linearised(point.z)
             step = -linear.solve(point.g) if kept.step is None else kept.step
-        # A singular matrix defines no step; the caller may start elsewhere.
+        # A singular matrix defines no step; the caller may start from another point.
         except np.linalg.LinAlgError:
             break
         units, length = linear.measured(step)
@@ -242,12 +241,12 @@ def iterate(
         if before is not None:
             # Both steps are measured in the scales of the newer step.
             ratio = size / max(longest(before / units), TINY)
-        if limits.test is not None:  # assume the same contraction for the next step
+        if limits.test is not None:  # the next step is assumed to contract equally
             size *= min(ratio, 1.0)
-        # With a reused matrix the limit is stricter, since errors accumulate over steps.
+        # With a reused matrix the limit is stricter, because errors accumulate over steps.
         allowed = limits.settled if kept.step is None else 0.25 * limits.settled
         if size <= allowed and linear.is_met(point.g):
-            # Take the last step, whose residuals must also be rounding errors.
+            # After the last step, the residuals must also be rounding errors.
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):
                 return last._replace(is_found=True, linear=linear)
@@ -261,12 +260,12 @@ def iterate(
         found = _damped(equations, point, limits.least_damping, test, linear, step, is_old=is_old)
         if found is not None:
             point, kept = found
-            best = point  # tests accept only points better than the previous one
+            best = point  # tests accept only points that are better than the previous one
         elif is_old:
             # The matrix belongs to an earlier point: repeat the step with a new one.
             kept = _REFACTOR
         else:
-            # Without damping, only infinite residuals reject a step, which proves nothing.
+            # Without damping, only infinite residuals reject a step: the point may not be a root.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
             return point._replace(is_found=True, linear=linear) if is_found else best
     return best
@@ -306,7 +305,7 @@ def _is_stalled(point: Root, linear: Linear, step: Array) -> bool:
 
 
 def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> bool:
-    """Return whether a point from which no step is accepted is exact up to rounding."""
+    """Return whether a point from which no step is accepted is a root up to rounding."""
     if _is_stalled(point, linear, step):
         return True
     size = max(1.0, float(np.max(np.maximum(np.abs(point.z), linear.scale))))
@@ -317,8 +316,8 @@ def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> 
 def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
     """Return whether a residual consists of rounding errors inside the terminal equations.
 
-    Cancellation inside an equation, such as a difference of squares, shows neither in the slopes
-    nor in the magnitudes of terms. If it dominates, values near z deviate from the tangent by
+    Slopes and magnitudes of terms do not reveal cancellation inside an equation, such as a
+    difference of squares. If cancellation dominates, values near z deviate from the tangent by
     similar amounts at one distance and at four times that distance. The deviation of a curve would
     grow by a factor of 16, and at a kink by 4.
     """
@@ -352,7 +351,7 @@ NEXT = NewtonLimits(20, WholeSteps)
 #: Limits of a search near the guess: little damping and few steps.
 NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
-#: Limits of the corrector in the continuation; smallest advance, maximum number of advances.
+#: Continuation: limits of the corrector, smallest advance, and maximum number of advances.
 _CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 
@@ -369,7 +368,8 @@ def find_root(
     """Return the first root found, or else the point with the least residual in the units of g.
 
     Outside their domain, equations may return infinity or nan. If Newton's method fails from
-    ``guess``, ``improve`` returns a better guess, or None; ``linear`` belongs to a nearby point.
+    ``guess``, ``improve`` returns a better guess, or None. ``linear`` contains the linear equations
+    of a nearby point.
     """
     return _best(_searches(equation, guess, improve, linear))
 
@@ -444,17 +444,17 @@ def _continued(equation: Equation, z: Array) -> Root:
     return root._replace(z=z, values=equation.value(z), is_found=reached == 1.0)
 
 
-#: Largest unlimited rise of an exponent in one step; largest exponent accepted from a guess.
+#: Largest rise of an exponent in one step without limiting; largest exponent taken from a guess.
 _FREE, _FAR_OF_JUNCTIONS = 2.0, 40.0
 
-#: Maximum number of limited steps; number of junctions per additional step, since changes propagate
-#: along chains of junctions; relative step size that ends the search.
+#: Maximum number of limited steps; number of junctions per additional step, because changes
+#: propagate along chains of junctions; relative step size that ends the search.
 _MOST_LIMITED_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
 #: Largest and smallest conductance in parallel with a junction, in units of saturation current over
 #: thermal voltage. At 1e-15 A the largest equals a wire; the smallest is negligible.
 _LARGEST, _LEAST = 1e15, 1e-3
-#: Smallest, initial and largest factor of one reduction of the conductance.
+#: Smallest, initial and largest factor by which the conductance is divided in one reduction.
 _FACTORS = (1.05, 10.0, 1e3)
 
 
@@ -540,7 +540,7 @@ class FrozenSystem:
             lower = conductance / factor if conductance > _LEAST else 0.0
             found = self._iterate(z, w, lower)
             if found is not None:
-                # A success squares the factor; a failure takes its square root.
+                # A success squares the factor; a failure replaces it by its square root.
                 (z, w), conductance, factor = found, lower, min(factor**2, most)
             elif factor < least:
                 return None
@@ -556,7 +556,7 @@ class FrozenSystem:
         return (root.z[: self._n], root.z[self._n :]) if root.is_found else None
 
     def value(self, z: Array) -> Array:
-        """Return the residuals g of the equations, then a - w of the exponents."""
+        """Return the residuals: g of the equations, then a - w of the exponents."""
         unknowns, w = np.split(z, [self._n])
         # Residuals: g(z, e) and a(z, e) - w with e = exp(w) + c w; d/dw = (exp(w) + c) d/de.
         slope = np.exp(w) + self._conductance

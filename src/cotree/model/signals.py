@@ -112,7 +112,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
         parsed = parse_signal(value, f"input '{name}'")
         if isinstance(parsed, Expression):
             constant = parsed.number
-            # Other expressions are compiled into a separate model; see cotree.scene.variants.
+            # Expressions of time are compiled into a separate model; see cotree.scene.variants.
             assert constant is not None
             # A number becomes a table with one point, which C evaluates without a call to Python.
             tables[names.index(name)] = np.zeros(1), np.array([constant])
@@ -126,7 +126,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
 
 
 def _checked(function: Callable[[float], Any], name: str) -> Signal:
-    """Wrap a function of time such that results that are not numbers raise an error."""
+    """Wrap a function of time; the wrapper raises an error if the result is not a number."""
 
     def signal(t: float) -> float:
         value = function(t)

@@ -1,6 +1,6 @@
 """The start of a run: initial states and sensitivities that satisfy all equations.
 
-C takes these steps (:mod:`cotree.model.start_in_c`); each preserves the results of earlier ones:
+C takes these steps (:mod:`cotree.model.start_in_c`), each without changing earlier results:
 
 1. Take the initial values of the scene or its operating point; values of the run replace them.
 2. Satisfy the constraints of mechanisms (``templates/runtime/start``).
@@ -43,15 +43,16 @@ class Start:
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
         Initial states and their sensitivities.
     is_chosen : bool
-        Whether neither constraints nor initial values determine some of the states. Their change
-        has minimum norm, and ``s`` contains its derivatives.
+        Whether some states are determined neither by constraints nor by initial values. They are
+        chosen such that the change of all states has minimum norm, and ``s`` contains the
+        derivatives.
     note : str
-        A sentence on the initial values that change with a parameter; empty if there are none.
+        A message on initial values that change with a parameter, or an empty string.
     is_mended : bool
         Whether prescribed initial values had to be changed.
     on_jump : str
-        If an expression jumps exactly at the start, the reason why there are no sensitivities;
-        otherwise empty.
+        If an expression jumps exactly at the start, the reason why no sensitivities exist;
+        otherwise an empty string.
     """
 
     y: Array
@@ -65,17 +66,17 @@ class Start:
     def z(self) -> Array:
         """States, then the sensitivities to each parameter, as in the solver's state vector."""
         found = np.concatenate([self.y, self.s.T.ravel()])
-        found.flags.writeable = False  # shared by all runs with this start
+        found.flags.writeable = False  # all runs with this start share the array
         return found
 
 
 def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
-    """Raise ParameterError if a run sets a storage content and contradicts it by a variable."""
+    """Raise ParameterError if a run sets a storage content and a variable that contradicts it."""
     names = model.states
     for total, follower in model.layout.followers:
         if names[total] in initial and names[follower] in initial:
             given, found = initial[names[follower]], float(y[follower])
-            # negated, so that nan also raises
+            # The negation makes nan raise an error, too.
             if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
                 raise ParameterError(
                     f"initial values contradict each other: '{names[follower]}' is given as "
@@ -117,7 +118,7 @@ def check_start(model: CompiledModel) -> None:
         y = scene_start(model).y
     except ParameterError:
         if model.traits.is_rheonomic:
-            return  # the constraints depend on time, and a run may start at another time
+            return  # constraints depend on time, and runs may start at another time
         raise
     rates = model.rhs(0.0, y)
     for name, rate in zip(model.states, rates, strict=True):
@@ -131,7 +132,7 @@ def check_start(model: CompiledModel) -> None:
 
 
 def is_slope(name: str) -> bool:
-    """Return whether the name of an initial value denotes a sensitivity."""
+    """Return whether the name of an initial value denotes a sensitivity, d(STATE)/d(PARAMETER)."""
     return name.startswith("d(")
 
 
@@ -171,7 +172,7 @@ def _given_values(
 ) -> tuple[Array, Array]:
     """Return the initial states and sensitivities before equations are solved.
 
-    An initial value of the run depends on no parameter, unless ``slopes`` contains its derivative.
+    Initial values of the run do not depend on parameters, unless ``slopes`` contains derivatives.
     """
     model = at.model
     names, wanted = model.states, model.sensitivities

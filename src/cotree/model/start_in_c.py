@@ -1,11 +1,12 @@
 """Search for consistent initial states, in C (``templates/runtime/start/cotree_start.c``).
 
-If the iteration in C fails, Python searches for the algebraic unknowns; it also factorises large
-systems. If a kernel fails, Python evaluates it again and raises an exception that names the cause.
+If the iteration in C fails, Python searches for the algebraic unknowns. Python also factorises
+large systems. If a kernel fails, Python calls it again to raise an exception that names the cause.
 
-Prescribed initial values are kept, and the others follow from the constraints. If prescribed values
-are nearly consistent, the last ones are changed as little as possible, with a warning; otherwise an
-error lists the residual of each joint. Values of the run have priority over values of the scene.
+Prescribed initial values are kept, and all other values follow from the constraints. If prescribed
+values are nearly consistent, the last ones are changed as little as possible, with a warning;
+otherwise an error lists the residual of each joint. Values of the run have priority over values of
+the scene.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from cotree.program.layout import Layout
 
 
-#: Number of algebraic unknowns above which sparse factorisations in Python are faster.
+#: Number of algebraic unknowns above which sparse factorisation in Python is faster.
 _MOST_UNKNOWNS = 200
 
 
@@ -52,7 +53,7 @@ def load_start() -> LoadedLibrary | None:
     return build_engine(shared_code("start"))
 
 
-#: C statuses: initial values, or their derivatives, contradict the constraints.
+#: C statuses: initial values (100), or their derivatives (102), contradict the constraints.
 _CONTRADICTIONS = (100, 102)
 
 #: C statuses: no solution of the algebraic equations nearby; unknowns left undetermined.
@@ -67,7 +68,7 @@ _REDUNDANT = 103
 _ON_JUMP = 109
 _COMPLETE = (0, _REDUNDANT, 106, _ON_JUMP)
 
-#: Kernels that solve linear systems and may be called at a start.
+#: Kernels that solve linear systems and that C may call at a start.
 _LINEAR = (
     *("initial", "inputs", "constraints", "start", "rhs", "jacobian", "events", "jumps"),
     *("constraint_sensitivity", "start_sensitivity", "augmented_rhs", "event_sensitivity"),
@@ -109,7 +110,7 @@ class StartInC:
     def gradients(self, at: EvaluationPoint, y: Array) -> tuple[Array, float]:
         """Return the constraint gradients with respect to speeds, with unit length per edge.
 
-        The second result is the singular value below which the gradients are nearly dependent.
+        The second result is the singular value below which the gradients count as dependent.
         """
         call, layout = StartCall(self, at, {}, None), at.model.layout
         rows, weakest = np.zeros((len(layout.constraint_edges), layout.n_speeds)), np.zeros(1)
@@ -304,7 +305,7 @@ def start_in_c(model: CompiledModel) -> StartInC | None:
     return None if library is None else StartInC(model, library)
 
 
-#: Smallest relative change in messages, and largest residual that counts as zero.
+#: Smallest relative change that messages mention, and largest residual that counts as zero.
 _NOTICED, _MET = 1e-4, 1e-10
 
 #: Maximum number of residuals and of changes in a message.
@@ -343,7 +344,7 @@ class Report:
         return bool(np.any(self._changes))
 
     def _moved(self) -> list[str]:
-        """Return texts on changed initial values and on the residuals of relaxed conditions."""
+        """Return descriptions of changed initial values and of residuals of relaxed conditions."""
         n, size = len(self._before), np.abs(self._changes)
         states = self._model.states
         found = [
@@ -358,7 +359,7 @@ class Report:
 
     @property
     def _units(self) -> Array:
-        """The scale of each residual in its unit."""
+        """The factor from each scaled residual to its unit: a length, or one."""
         return np.where(self._is_length, self._c.length, 1.0)
 
     def warn(self) -> None:
@@ -372,7 +373,7 @@ class Report:
             )
 
     def note(self, *, is_warning: bool) -> str:
-        """Return a sentence on initial values that change with parameters, or an empty one."""
+        """Return a message on initial values that change with parameters, or an empty string."""
         following: dict[str, list[str]] = {}
         for j, i in np.argwhere(self._follows).tolist():
             following.setdefault(self._values[i], []).append(self._model.sensitivities[j])
@@ -390,7 +391,7 @@ class Report:
         return f"{message[0].upper()}{message[1:]}."
 
     def refuse(self, y: Array, *, is_of_derivatives: bool) -> NoReturn:
-        """Raise the exception for a start near y that does not exist or is not differentiable."""
+        """Raise the exception for a start near y that does not exist or has no derivatives."""
         for first in self._model.layout.quaternions:
             if not np.any(y[first : first + 4]):
                 raise ParameterError(
@@ -430,12 +431,12 @@ def contradiction(
 ) -> ParameterError:
     """Return the exception for initial values that contradict states or sources.
 
-    ``is_apart``, (1 + n_parameters, n_redundant), marks contradictions of y and s: row 0 of the
-    values, the other rows of their derivatives.
+    ``is_apart``, (1 + n_parameters, n_redundant), marks contradictions: row 0 of the values y, the
+    other rows of the derivatives s.
     """
     rows, m, n = at.model.layout.redundant, len(at.model.sensitivities), is_apart.shape[1]
     if is_apart[0].any():
-        # The kernel's last two rows are the values from the states and the prescribed ones.
+        # The last two rows are the redundant values: from the states, then as prescribed.
         follows, given = at.call("start", y)[-2 * n :].reshape(2, n)
         apart = {
             f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "

@@ -1,8 +1,8 @@
 """Trim: search for equilibria and steady motions with prescribed rates and outputs.
 
 The conditions F(z, p) = 0 on the unknowns z prescribe rates and outputs and include the constraints
-and quaternion norms. They may be redundant, so each Newton step of :mod:`cotree.model.roots` is the
-minimum-norm least-squares solution. The derivatives of the unknowns are dz/dp = -F_z^+ F_p.
+and quaternion norms. They may be redundant, so each Newton step of :mod:`cotree.model.roots` is a
+least-squares solution of minimum norm. The derivatives of the unknowns are dz/dp = -F_z^+ F_p.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ class TrimPoint(Reported):
     unknowns : tuple of str
         Names of the unknowns.
     undetermined : tuple of tuple of str
-        The unknowns involved in each direction that satisfies the conditions to first order. In
-        these directions the solution stays close to the guess.
+        For each direction that satisfies the conditions to first order, the unknowns that change
+        along it. In these directions the solution stays close to the guess.
     residual : float
-        The largest residual of the conditions, in their units.
+        The largest residual of the conditions, in the unit of each condition.
     """
 
     model: CompiledModel
@@ -134,7 +134,7 @@ class TrimPoint(Reported):
         Parameters
         ----------
         reduced : bool
-            Whether the result is in independent deviations.
+            Whether the linear system has independent deviations as states.
         sensitivities : sequence of str
             Parameters, inputs and states, except unknowns, with respect to which A, B, C and D are
             differentiated.
@@ -157,7 +157,7 @@ class TrimPoint(Reported):
         return float(self._moved(to)[0][self.unknowns.index(name)])
 
     def _moved(self, name: str) -> tuple[Array, Direction]:
-        """Return the unknowns' derivatives and the unit direction of a quantity."""
+        """Return the unknowns' derivatives with respect to a quantity, and its unit direction."""
         assert self.linearizer is not None
         if name in self.unknowns:
             raise ParameterError(
@@ -204,10 +204,10 @@ _MET = 1e-6
 #: Residuals below this fraction of the summed magnitudes of their terms are rounding errors.
 _EXACT = 1e-11
 
-#: Maximum number of mode changes; the search is repeated after each.
+#: Maximum number of mode changes; the search is repeated after each change.
 _MOST_ROUNDS = 20
 
-#: Components below this fraction of the largest one do not belong to a null direction.
+#: Unknowns with components below this fraction of the largest do not change in a null direction.
 _INVOLVED = 0.1
 
 
@@ -401,7 +401,7 @@ def find_trim(
 def _is_met(search: _Search, z: Array) -> bool:
     """Return whether residuals are rounding errors; at double roots, slopes at the guess count."""
     left = np.abs(search.value(z))
-    # Guess slopes are multiplied by the guess: unknowns that diverge would hide residuals.
+    # Slopes at the guess are multiplied by the guess: diverging unknowns would hide residuals.
     terms = [np.abs(search.slope(x)) @ np.maximum(np.abs(x), 1.0) for x in (z, search.guess)]
     return bool(np.all(left <= _EXACT * (np.maximum(*terms) + np.abs(search.targets))))
 
@@ -511,7 +511,7 @@ def _refuse(search: _Search, z: Array) -> NoReturn:
         raise SolveError("the equations have no finite values near the guess: give another guess")
     slope = search.slope(z)
     size = np.maximum(np.max(np.abs(slope), axis=1, initial=0.0), 1e-300)
-    # Divided by the largest derivative, since rates may differ by orders of magnitude.
+    # Residuals are divided by the largest derivative, because rates may have different magnitudes.
     order = np.argsort(-np.abs(left) / size)
     worst = [i for i in order[:3] if abs(left[i]) > 1e-9 * max(1.0, float(np.max(np.abs(left))))]
     violated = listed(

@@ -1,8 +1,9 @@
 """Algebraic unknowns, storage contents and modes at a point.
 
-A scene may prescribe an initial voltage although the state is a charge; the absolute tolerance of a
-charge also follows from the tolerance of its voltage. Modes of dry friction are guessed and checked
-here for linearisation and trim; during a run, C determines the modes of all edges together.
+Storage contents follow from across or through variables: a scene may prescribe a voltage although
+the state is a charge, and the tolerance of a charge follows from that of the voltage. Modes of dry
+friction are guessed and checked here for linearisation and trim; during a run, C determines the
+modes of all edges together.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
         return None
     sizes, jacobian = np.ones(len(y)), np.abs(at.model.jacobian(at.t, y, at.p, at.u))
     for total, follower in followers:
-        # This row has the derivatives of the storage's terminal equation. If its own variable has
+        # This row contains the derivatives of the storage's terminal equation. If its variable has
         # no effect at this point, the largest other derivative replaces the capacitance.
         own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
         if own > 0.0 and np.isfinite(own):
@@ -43,7 +44,7 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
 
 
 def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
-    """Return the states with contradicting modes of jumps corrected."""
+    """Return the states after correction of the jump modes that contradict them."""
     rows, settled = at.model.layout.events, y.copy()
     for row, value in zip(rows, at.event_values(y) if rows else (), strict=True):
         # An event has occurred if the sign of its function equals its direction.
@@ -73,7 +74,7 @@ def solve_states(at: EvaluationPoint, y: Array) -> Array:
 
 def of_model(at: EvaluationPoint) -> Algebraic:
     """Return the algebraic equations of a model for fixed parameters and inputs."""
-    # Imported here, since most models have no algebraic unknowns.
+    # Imported here, because most models have no algebraic unknowns.
     from cotree.model.algebraic import Algebraic
     from cotree.model.linear import is_sparse
 
@@ -84,7 +85,7 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 
-    # Called only if Newton's method fails from the guess.
+    # This is called only if Newton's method fails from the guess.
     def improve(t: float, y: Array) -> Array | None:
         return model.junctions.at(t, y, p, replace(at, t=t).inputs).search(y[cut:])
 
@@ -100,7 +101,7 @@ def of_model(at: EvaluationPoint) -> Algebraic:
 #: Relative tolerance for speeds and forces, larger than the errors of runs and searches.
 _CLOSE = 1e-6
 
-#: Mode of a dry friction edge that sticks, and of an edge without normal force.
+#: Modes of a dry friction edge that sticks, and of one without normal force.
 _STUCK, _FREE = 0.0, 2.0
 _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
@@ -125,8 +126,8 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
 def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
     """Initialise the modes of dry friction in a guess, and the joint forces on which they depend.
 
-    Without the sticking mode, the search would move an edge that sticks, although it is in
-    equilibrium at any point within its limits.
+    Without the mode, the search would move an edge that sticks, although it is in equilibrium at
+    any force within its limits.
     """
     if not any(row.part == ModePart.SLIP for row in at.model.layout.events):
         return y
@@ -159,7 +160,7 @@ def check_friction(at: EvaluationPoint, y: Array) -> None:
             _values(at, y, part).get(place, np.inf)
             for part in (ModePart.FORWARD_LIMIT, ModePart.BACKWARD_LIMIT)
         ]
-        # The distances from both limits add up to the width of the range.
+        # The distances from both limits add up to the width of the force range.
         width = sum(abs(way) for way in ways if np.isfinite(way))
         if min(ways) < -_CLOSE * width:
             raise _refused(edge, mode, f"its force exceeds its limit by {-min(ways):.6g}")
