@@ -1,3 +1,3 @@
-"""The program: kernels as expression graphs, between the equations and the C text."""
+"""The program: kernels as expression graphs, formed from the equations and translated to C."""
 
 from __future__ import annotations

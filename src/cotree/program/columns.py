@@ -1,23 +1,23 @@
 """Derivatives along many directions as maps, which apply the same statements to many columns.
 
 In a sensitivity graph, the derivative of a terminal equation with respect to one of its parameters
-contains a source: ``F' = m a' + m' a``. The operations that follow along f-circuits and f-cutsets,
-on sources and state sensitivities, are the same for all parameters. This module separates them. The
-set of common operations is maximal: sources are the largest values that depend on no state
-sensitivity.
+contains a source, ``m' a`` in ``F' = m a' + m' a``. The further operations along f-circuits and
+f-cutsets, applied to sources and state sensitivities, are the same for all parameters. This module
+separates these common operations. Sources are as large as possible: each is the largest value that
+depends on no state sensitivity.
 
 For parameter j the derivatives of the unknowns solve ``A w_j = b_x s_j + b_j``, in which the matrix
 b_x is the same for all parameters and b_j is the explicit derivative with respect to parameter j.
-Statements written out for each parameter exploit its zeros; statements of a map are written once,
-and C processes several columns at a time. The columns of the Jacobian are a map of unit vectors s.
-If there are fewer of them than parameters, the Jacobian can also be formed first and multiplied by
-each s_j. The cheapest of these alternatives is used.
+Statements that are written out for each parameter exploit its zeros. Statements of a map are
+written once, and C processes several columns at a time. The columns of the Jacobian are a map of
+unit vectors s. If the Jacobian has fewer columns than there are parameters, it can also be formed
+first and then multiplied by each s_j. The cheapest of these alternatives is used.
 
-Implicit methods need three further kernels. The first computes values at a point that the second
-uses. The second is linear in a direction v of the states and is evaluated once in each stage of a
-method: it returns d(J s + f_p)/dx v for every parameter, by differentiating the rates of
-sensitivities once more. The third returns the derivatives of the rates of states and sensitivities
-with respect to time at fixed states, including the time dependence of the scene's inputs.
+Implicit methods need three further kernels. The second returns d(J s + f_p)/dx v for every
+parameter and a direction v of the states, that is, second derivatives, and is evaluated once in
+each stage of a method. The first computes those values for the second that do not depend on v. The
+third returns the derivatives of the rates of states and sensitivities with respect to time at fixed
+states, including the time dependence of the scene's inputs.
 """
 
 from __future__ import annotations
@@ -63,21 +63,21 @@ if TYPE_CHECKING:
 
 #: Cost of moving one value into or out of a vector, in operations.
 _MOVE = 2
-#: Maximum number of sweeps that exchange columns in pairs, and of columns for which this is done.
+#: Maximum number of sweeps that exchange columns in pairs; no sweeps for more columns than this.
 _SWEEPS, _MOST_COLUMNS = 4, 400
 
 
 def cost_of_map(linear: LinearMap) -> int:
-    """Estimate the cost of a map in scalar operations."""
+    """Return the estimated cost of a map in scalar operations."""
     blocks = [linear.given[at : at + BLOCK] for at in range(0, linear.n_columns, BLOCK)]
     n_given = sum(reduce(or_, block).bit_count() for block in blocks)
-    # A statement is one vector operation per block, which counts like a scalar one.
+    # A vector operation per block and statement costs as much as a scalar operation.
     return linear.n_times + _MOVE * (n_given + len(blocks) * len(linear.results))
 
 
 def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
     """Put columns with similar zeros into blocks; also return the original index of each column."""
-    # bit mask of the nonzero statements in each column
+    # Bit mask of the nonzero statements in each column.
     nonzero = [0] * linear.n_columns
     for k, node in enumerate(linear.statements):
         support = linear.supports[node]
@@ -85,13 +85,13 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
             lowest = support & -support
             nonzero[lowest.bit_length() - 1] |= 1 << k
             support ^= lowest
-    # Columns whose results are all zero are omitted.
+    # Omit columns whose results are all zero.
     found = reduce(or_, (linear.supports[root] for root in linear.results), 0)
     places = [j for j in range(linear.n_columns) if found >> j & 1]
     blocks = [places[at : at + BLOCK] for at in range(0, len(places), BLOCK)]
     for _ in range(_SWEEPS if len(places) <= _MOST_COLUMNS else 0):
         pairs = ((a, b) for a in range(len(blocks)) for b in range(a))
-        # The list ensures that every pair is tried.
+        # any() of a list, not of a generator, so that every pair is tried.
         if not any([_exchange(blocks[a], blocks[b], nonzero) for a, b in pairs]):
             break
     order = list(chain.from_iterable(blocks))
@@ -99,7 +99,7 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
 
 
 def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bool:
-    """Exchange columns of two blocks if this reduces their operations; return whether it does."""
+    """Exchange columns of two blocks if this saves operations; return whether any was exchanged."""
     least = _n_together(first, nonzero) + _n_together(second, nonzero)
     has_changed = False
     for i, k in product(range(len(first)), range(len(second))):
@@ -128,14 +128,14 @@ _SUMS = frozenset({"add", "sub", "neg"})
 class CommonDirection:
     """Derivatives along any direction, as functions of state sensitivities and sources."""
 
-    direction: Derivative  # forcing and rates, as functions of state changes and sources
+    direction: Derivative  # forcing and rates in terms of state changes and sources
     sources: tuple[Node, ...]  # symbols of the sources
-    #: Nonzero sources of each parameter, by index of the source.
+    #: For each parameter: its nonzero sources, by index of the source.
     given: list[dict[int, Node]]
 
 
 def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
-    """Separate the sources from operations common to all directions; None if there are none."""
+    """Separate sources from operations common to all directions; None if there are none."""
     common, dag = equations.direction, equations.dag
     if common is None:
         return None
@@ -143,7 +143,7 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
     changes = [dag.symbol(PARAMETER_CHANGE, j) for j in range(len(equations.sensitivities))]
     roots = substitute([*common.forcing, *common.rates.values()], unknowns)
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
-    # Values common to all parameters are formed once; parameters differ only in their sources.
+    # Values common to all parameters are formed once; only sources differ between parameters.
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
     rates = dict(zip(common.rates, parted[n:], strict=True))
     direction = replace(common, forcing=tuple(parted[:n]), rates=rates, outputs={})
@@ -151,7 +151,7 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
 
 
 class _Parting:
-    """Splits values into parts linear in state changes and in sources; sums add sources first."""
+    """Splits values into a part linear in state changes and a part linear in parameter changes."""
 
     def __init__(
         self, dag: Dag, roots: Sequence[Node], states: Sequence[Node], changes: Sequence[Node]
@@ -161,7 +161,7 @@ class _Parting:
         self._dag, self._changes = dag, changes
         self._changed = dependent(order, changes)
         self._moved = dependent(order, states)
-        # Being a result counts as a use, since a value with several uses is computed as a whole.
+        # A result counts as a use: values with several uses are not split.
         self._n_readers = Counter(roots)
         for node in order:
             self._n_readers.update(node.args)
@@ -171,7 +171,7 @@ class _Parting:
                 self._parts[node] = self._parts_of(node)
 
     def parted(self, node: Node) -> Node:
-        """Return a value as a function of state changes and source symbols."""
+        """Return a value in terms of state changes and source symbols."""
         if node not in self._changed:
             return node
         if node not in self._moved:
@@ -183,14 +183,14 @@ class _Parting:
         return source - moved.args[0] if moved.op == "neg" else moved + source
 
     def given(self) -> list[dict[int, Node]]:
-        """Return the nonzero sources for a unit change of each parameter, by index."""
+        """Return for each parameter the nonzero sources for a unit change of this parameter."""
         nodes = list(self.sources)
         bits = {node: 1 << j for j, node in enumerate(self._changes)}
         supports = supports_of(reachable(nodes), bits)
         still = dict.fromkeys(self._changes, self._dag.zero)
         found = []
         for j, change in enumerate(self._changes):
-            # Sources are linear, so a parameter's values follow from a unit change of it alone.
+            # Sources are linear in the changes: substitute a unit change of a single parameter.
             places = [i for i, node in enumerate(nodes) if supports[node] >> j & 1]
             along = substitute([nodes[i] for i in places], {**still, change: self._dag.one})
             pairs = zip(places, along, strict=True)
@@ -201,34 +201,34 @@ class _Parting:
         return self.sources.setdefault(node, self._dag.symbol(SOURCE, len(self.sources)))
 
     def _parts_of(self, node: Node) -> tuple[Node, Node]:
-        """Split a value into a part that depends on state changes and the rest."""
+        """Split a value into the part that depends on state changes, and the rest."""
         dag = self._dag
         if node.op not in _SUMS:
-            # The factor's two parts are added first, since multiplying both costs twice as much.
+            # Add the parts of a factor first: multiplying both parts would cost twice as much.
             return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
         terms = [self._term(arg) for arg in node.args]
         moved, alone = zip(*terms, strict=True)
         return dag.rebuild(node, moved), dag.rebuild(node, alone)
 
     def _term(self, node: Node) -> tuple[Node, Node]:
-        """Return both parts of a term; it is split only if this sum is its only user."""
+        """Return both parts of a term, which is split only if no other node uses it."""
         if node not in self._changed:
             return node, self._dag.zero
         if node not in self._moved:
             return self._dag.zero, node
         if self._n_readers[node] == 1:
             return self._parts[node]
-        # The term has another user, so splitting it here would form it twice.
+        # Another node uses the term too, so splitting it would form it twice.
         return self.parted(node), self._dag.zero
 
 
-#: Number of operations up to which statements are written out for each direction.
+#: If fewer operations suffice, statements are written out for each direction.
 _FEW_OPERATIONS = 600
 #: A map is used if its cost is below this fraction of the cost of written-out statements.
 _WORTH = 0.75
-#: Maximum number of column values that a kernel stores on the stack, 800 kB.
+#: Maximum number of column values that a kernel stores on the stack: 800 kB.
 _MOST_VALUES = 100_000
-#: Number of directions that are written out to estimate the average cost of one.
+#: Number of directions that are written out to estimate the average cost of a direction.
 _SAMPLES = 5
 
 #: Nonzero derivatives along one direction, by index of the rate.
@@ -237,7 +237,7 @@ _Row = dict[int, "Node"]
 
 @dataclass(frozen=True)
 class MappedRates:
-    """Derivatives of the rates that maps compute; None for all others."""
+    """Derivatives of the rates that are computed by maps; None if maps do not compute them."""
 
     columns: list[_Row] | None  # columns of the Jacobian
     sensitivities: list[Node] | None  # rates of all sensitivities, parameter by parameter
@@ -249,13 +249,12 @@ def map_rates(
     rates: Sequence[Node],
     reached: Sequence[Sequence[int]],
 ) -> MappedRates:
-    """Form derivatives of the rates as maps if that costs less than writing them out.
+    """Form derivatives of the rates as maps if maps cost less than written-out statements.
 
     ``rates`` do not contain unknowns. ``reached`` contains the states that depend on each
-    parameter; the sensitivities of all others are zero.
+    parameter; all other states have zero sensitivities.
     """
-    # The elimination of algebraic unknowns needs the derivatives along each direction separately;
-    # see cotree.program.lower.
+    # Algebraic unknowns are eliminated along each direction separately (cotree.program.lower).
     if equations.n_algebraic:
         return MappedRates(None, None)
     common = part_sources(equations, solved.unknowns)
@@ -279,7 +278,7 @@ def map_rates(
 
 @dataclass(frozen=True)
 class _Map:
-    """A map with its arguments and the order of its columns."""
+    """A map with its arguments, and the order of its columns."""
 
     dag: Dag
     linear: LinearMap
@@ -291,12 +290,12 @@ class _Map:
 
     @property
     def known(self) -> list[Node]:
-        """The arguments of the map, which are computed before it is applied."""
+        """Arguments of the map, which must be computed before the map is applied."""
         return [*self.shared, *(value for column in self.columns for value in column)]
 
     @cached_property
     def rows(self) -> list[_Row]:
-        """The nonzero results of each direction."""
+        """Nonzero results for each direction."""
         supports = [self.linear.supports[root] for root in self.linear.results]
         found: list[_Row] = [{} for _ in range(self.n_directions)]
         if not self.order:
@@ -313,7 +312,7 @@ class _Map:
 
 @dataclass(frozen=True)
 class _Ways:
-    """Constructor of alternative forms of the rate derivatives, with their costs."""
+    """Alternative forms of the rate derivatives, with their estimated costs."""
 
     equations: Equations
     common: CommonDirection
@@ -333,13 +332,13 @@ class _Ways:
     @cached_property
     def _solving(self) -> list[int]:
         """Indices of the rates that depend on unknowns."""
-        # Rates without unknowns are not in the map: with_unsolved forms their derivatives.
+        # Rates without unknowns are not part of the map; with_unsolved differentiates them.
         rates, unknowns = self.common.direction.rates, self.equations.unknown_tangents
         moving = dependent(reachable(rates.values()), unknowns)
         return [i for i, node in rates.items() if node in moving]
 
     def along_states(self) -> _Map | None:
-        """Form the columns of the Jacobian as a map of unit vectors, for rates with unknowns."""
+        """Form the columns of the Jacobian, for rates with unknowns, as a map of unit vectors."""
         one, zero, places = self._dag.one, self._dag.zero, range(len(self._states))
         if _are_too_many(len(places), len(places), len(self._solving)):
             return None
@@ -348,11 +347,11 @@ class _Ways:
         return self._map(results, self._solving, self._states, columns)
 
     def with_unsolved(self, along_states: _Map) -> list[_Row]:
-        """Return the columns of the Jacobian, including the rates that depend on no unknowns."""
+        """Return the columns of the Jacobian, completed by the rates that depend on no unknowns."""
         dag, found = self._dag, [dict(row) for row in along_states.rows]
         without = dict.fromkeys(self.common.sources, dag.zero)
         for i in self.common.direction.rates.keys() - set(self._solving):
-            # The rate is linear, so its derivative is its value for a unit change of one state.
+            # The derivative is linear, so a unit change of one state yields its column.
             (rate,) = substitute([self.common.direction.rates[i]], without)
             moving = [node for node in symbols_in([rate]) if node.data[0] == STATE_CHANGE]
             still = dict.fromkeys(moving, dag.zero)
@@ -363,10 +362,10 @@ class _Ways:
         return found
 
     def along_sensitivities(self, along_states: _Map | None) -> list[_Map] | None:
-        """Return the maps of the cheaper form of the sensitivity rates; the last map returns them.
+        """Return the cheapest maps that form the sensitivity rates; the last map returns the rates.
 
-        The form is either a single map of state changes and sources; or the Jacobian, the explicit
-        derivatives with respect to parameters, and a map that multiplies and adds these.
+        The alternatives are a single map of state changes and sources, and three maps: the
+        Jacobian J, the explicit derivatives f_p with respect to parameters, and J s + f_p.
         """
         n, n_given = len(self._states), sum(map(len, (*self.reached, *self.common.given)))
         if _are_too_many(n_given, len(self.reached), n):
@@ -380,7 +379,7 @@ class _Ways:
         ]
         n_sources = len(self.common.sources)
         given = [spread(row, n_sources, self._dag.zero) for row in self.common.given]
-        # The columns keep the order of ``s``, so that C reads sensitivities in place.
+        # Columns stay in the order of ``s``, so that C reads sensitivities in place.
         at_once = self._map(
             self._results(()),
             range(n),
@@ -391,7 +390,7 @@ class _Ways:
         if at_once is None or along_states is None:
             return None if at_once is None else [at_once]
         columns = self.with_unsolved(along_states)
-        # A product and a sum for each nonzero of the Jacobian already exceed the first form.
+        # The products J s alone, two operations per nonzero, cost more than the single map.
         if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
             return [at_once]
         alone = self._map(self._results(self._states), range(n), self.common.sources, given)
@@ -403,10 +402,10 @@ class _Ways:
     def _products(
         self, columns: Sequence[_Row], alone: Sequence[_Row], changes: Sequence[Sequence[Node]]
     ) -> _Map:
-        """Multiply the Jacobian by the sensitivities, and add the parameter derivatives."""
+        """Form Jacobian times sensitivities, plus the explicit parameter derivatives."""
         dag, n = self._dag, len(self._states)
         places = sorted({i for row in alone for i in row})
-        # The explicit derivatives with respect to parameters are also inputs of each column.
+        # The explicit parameter derivatives are further inputs of each column.
         own = {place: dag.symbol(ENTRY, k) for k, place in enumerate(places)}
         results = [own.get(i, dag.zero) for i in range(n)]
         for column, change in zip(columns, self._states, strict=True):
@@ -421,7 +420,7 @@ class _Ways:
         return found
 
     def _results(self, still: Sequence[Node]) -> list[Node]:
-        """Return the derivatives of all rates along a direction; those of ``still`` are zero."""
+        """Return the derivatives of all rates along a direction; ``still`` symbols are zero."""
         places = self.common.direction.rates.keys()
         found = dict(zip(places, self._rates_along(places, still), strict=True))
         return spread(found, len(self._states), self._dag.zero)
@@ -444,7 +443,7 @@ class _Ways:
         *,
         in_order: bool = False,
     ) -> _Map | None:
-        """Form a map, or return None if that is impossible or the map is too large."""
+        """Form a map; return None if the results are not linear or the map is too large."""
         n_given = sum(not value.is_zero for column in columns for value in column)
         if _are_too_many(n_given, len(columns), len(results)):
             return None
@@ -458,13 +457,13 @@ class _Ways:
         return _Map(self._dag, linear, formed[1], taken, order, len(columns), list(places))
 
     def _cost(self, maps: Sequence[_Map]) -> int:
-        """Estimate the cost of maps, including the values that are computed before them."""
+        """Return the estimated cost of maps, including the values computed before them."""
         nodes = reachable([*self.rates, *(node for one in maps for node in one.known)])
         before = count_operations(node for node in nodes if node.op != "map").total
         return before + sum(cost_of_map(one.linear) for one in maps)
 
     def are_worth(self, maps: Sequence[_Map], rows: Sequence[Derivative]) -> bool:
-        """Return whether maps cost clearly less than statements for each direction in ``rows``."""
+        """Return whether maps cost clearly less than written-out statements for all of ``rows``."""
         if not rows:
             return False
         known = reachable([*self.rates, *(node for one in maps for node in one.known)])
@@ -476,18 +475,18 @@ class _Ways:
             count_operations(node for node in order if node not in shared).total
             for order in written_out
         )
-        # All directions are assumed to have the average cost of the sampled ones.
+        # The other directions are assumed to cost as much as the sampled ones on average.
         longhand = scalar + apart * len(rows) / len(samples)
         return longhand > _FEW_OPERATIONS and self._cost(maps) < _WORTH * longhand
 
 
 def _are_too_many(n_given: int, n_columns: int, n_results: int) -> bool:
-    """Return whether the inputs and results of all columns are too many for a kernel's stack."""
+    """Return whether inputs and results of all columns exceed the stack of a kernel."""
     return n_given + n_columns * n_results > _MOST_VALUES
 
 
 def _sample(n: int) -> list[int]:
-    """Return a few of n indices, evenly spaced."""
+    """Return a few indices below n, evenly spaced."""
     times = min(n, _SAMPLES)
     return [(2 * i + 1) * n // (2 * times) for i in range(times)]
 
@@ -508,29 +507,29 @@ _ALONG = KernelSpec(
 
 @dataclass(frozen=True)
 class Curvature:
-    """Kernels of the second derivatives that implicit methods need."""
+    """Kernels of the second derivatives for implicit methods."""
 
-    #: ``at`` is called once at a point, ``along`` for each direction. Their argument ``k`` contains
-    #: prepared values; for ``along`` it also contains the results of ``at``.
+    #: ``at`` is called once per point, ``along`` once per direction. Argument ``k`` of both
+    #: contains prepared values; that of ``along`` also contains the results of ``at``.
     at: Kernel
     along: Kernel
     places: tuple[int, ...]  # indices of the results of ``along`` among the sensitivity rates
 
 
 def form_curvature(program: Program) -> Curvature | None:
-    """Differentiate sensitivity rates by states at fixed sensitivities; return None if zero."""
+    """Return the kernels of d(J s + f_p)/dx v; None if these derivatives are zero."""
     dag, kernel = program.dag, program.kernels["sensitivity_rhs"]
     n = len(program.layout.states)
     direction = [dag.symbol(DIRECTION, i) for i in range(n)]
     found = tangents(kernel.results, {dag.symbol(STATE, i): direction[i] for i in range(n)})
-    # Most of these derivatives are zero and are omitted from the results.
+    # Most of these derivatives are zero; only nonzero ones are results.
     places = tuple(i for i, node in enumerate(found) if not node.is_zero)
     if not places:
         return None
     whole = with_reciprocals(Kernel(_ALONG, tuple(found[i] for i in places), {}))
     order = reachable(whole.results)
     moving = dependent(order, direction)
-    # The second kernel has only ``v`` and ``k``; the first returns all other values it reads.
+    # ``along`` has only the arguments ``v`` and ``k``, so ``at`` returns all other values it reads.
     read = {arg for node in order if node in moving for arg in node.args}
     carried = [
         node
@@ -553,13 +552,13 @@ _SPEC = KernelSpec(
 
 
 def form_time_slope(program: Program) -> Kernel | None:
-    """Differentiate the rates with respect to time; None if independent of time and inputs."""
+    """Differentiate the rates with respect to time; None if they depend on no time and no input."""
     dag, kernels = program.dag, program.kernels
     rates = kernels["augmented_rhs"].results or kernels["rhs"].results
     time = {dag.symbol(TIME, 0): dag.one}
-    # Inputs are the scene's functions of time, so the chain rule includes them.
+    # Inputs are functions of time in the scene, so the chain rule includes their derivatives.
     moving = tangents(kernels["inputs"].results, time)
-    # States and sensitivities are fixed and have no tangents.
+    # States and sensitivities are fixed: they have no tangents.
     seed = {**time, **{dag.symbol(INPUT, i): node for i, node in enumerate(moving)}}
     found = tangents(rates, seed)
     if all(node.is_zero for node in found):

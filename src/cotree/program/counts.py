@@ -1,8 +1,9 @@
 """Costs of a program: numbers of operations, and processor cycles estimated by a simple model.
 
-A modern processor starts two independent operations per cycle; the longest path through the values
-bounds the latency. The model adds a fraction of the shorter of these two times to the longer one.
-Its numbers are rounded values for common 64-bit processors.
+A modern processor starts two independent operations per cycle. The time is thus bounded by the
+number of operations and by the latency of the longest path through the values. The model adds a
+fraction of the shorter of these two times to the longer one. Its numbers are rounded values for
+common 64-bit processors.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class OperationCount:
         return self.kernel + self.prepare
 
     def with_prepared(self, share: OperationCount) -> OperationCount:
-        """Add the operations in ``prepare`` that the kernel needs."""
+        """Return the counts with ``share``, the operations in ``prepare`` that the kernel needs."""
         return OperationCount(
             dict(Counter(self.by_kind) + Counter(share.by_kind)), self.kernel, share.kernel
         )
@@ -58,11 +59,11 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
         if node.op == "solve":
             n = node.data.size
             matrix = node.args[: n * n]
-            # Nodes are interned, so equal matrices have equal tuples of entries.
+            # Equal matrices have equal tuples of entries, since nodes are interned.
             kinds["solve"] += 2 * n * n + (0 if matrix in factorised else (2 * n**3) // 3)
             factorised.add(matrix)
         elif node.op == "sines":
-            # The data of the node is the number of angles.
+            # ``data`` is the number of angles.
             kinds["sin"] += node.data
             kinds["cos"] += node.data
         elif node.op == "map":
@@ -72,7 +73,7 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
     return OperationCount(dict(sorted(kinds.items())), kinds.total())
 
 
-#: Cycles until the next operation can start, and until the result of an operation is available.
+#: Cycles until the next operation can start, and until the result is available.
 _COSTS = {
     "add": (0.5, 4.0),
     "sub": (0.5, 4.0),
@@ -84,23 +85,23 @@ _COSTS = {
     "sin": (8.0, 50.0),
     "cos": (8.0, 50.0),
 }
-_UNFILLED = 0.3  # fraction of the shorter time that is not hidden behind the longer one
+_UNFILLED = 0.3  # fraction of the shorter time that the longer time does not hide
 _FUNCTION = (25.0, 50.0)  # cost of a C library function
 
 
 def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
-    """Estimate the cycles of nodes in order of evaluation; ``known`` nodes take none."""
+    """Return the estimated cycles of nodes in order of evaluation; ``known`` nodes cost none."""
     started, longest = bounds(nodes, known)
     return max(started, longest) + _UNFILLED * min(started, longest)
 
 
 def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, float]:
-    """Return the cycles to start all operations, and the cycles of the longest path."""
+    """Return the cycles to start all operations, and those of the longest path."""
     started = 0.0
     path: dict[Node, float] = {}
     for node in nodes:
         if node in known or not node.args:
-            # Known values, constants and kernel arguments are available from the start.
+            # Known values, constants and kernel arguments are available at time zero.
             continue
         start, wait = _cost(node)
         started += start
@@ -109,14 +110,14 @@ def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, f
 
 
 def waits(node: Node) -> float:
-    """Return the latency of an operation in cycles."""
+    """Return the latency of an operation, [cycles]."""
     return _cost(node)[1] if node.args else 0.0
 
 
 def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, float]:
-    """Return the longest path, [cycles], from each value, inclusive, to a result."""
+    """Return for each value the longest path, [cycles], from this value (included) to a result."""
     need = dict.fromkeys(order, 0.0)
-    # In reverse order of evaluation, all users of a value precede it.
+    # In reverse order of evaluation, all users of a value come before the value.
     for node in reversed(order):
         if node not in known:
             need[node] += waits(node)
@@ -126,13 +127,13 @@ def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, floa
 
 
 def by_need(order: Sequence[Node], known: Container[Node] = ()) -> list[Node]:
-    """Sort values by the length of the longest path from each to a result.
+    """Sort values by the length of the longest path from each value to a result.
 
-    A processor looks ahead by a few hundred operations. In this order, these include the next
-    operations of the longest path and independent ones between them.
+    A processor looks ahead by a few hundred operations. In this order, it finds independent
+    operations to fill the latency of the longest path.
     """
     need = needs(order, known)
-    # Reading one of several results takes no time, so ``result`` nodes directly follow their node.
+    # ``result`` nodes take no time: they directly follow the node that they read.
     return sorted(order, key=lambda node: (-need[node], node.index))
 
 
@@ -141,7 +142,7 @@ def _cost(node: Node) -> tuple[float, float]:
         return 0.0, 0.0
     if node.op == "sines":
         return 9.0 * node.data, 50.0
-    # The factors take (2/3) n^3 operations, two per cycle; pivoting and substitutions are added.
+    # The factors take (2/3) n^3 operations, two per cycle; the rest is pivoting and substitution.
     if node.op == "solve":
         n = node.data.size
         return n**3 / 3.0 + 2.0 * n * n, 20.0 * n

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Arguments of kernels, all arrays except ``t``. ``k`` contains the results of ``prepare`` for p.
+#: Arguments of kernels; all are arrays except ``t``. ``k`` contains the results of ``prepare``.
 ARGUMENTS: dict[str, str] = {
     "t": "time",
     "x": "states",
@@ -20,17 +20,17 @@ ARGUMENTS: dict[str, str] = {
 class KernelSpec:
     """Description of a kernel."""
 
-    name: str  # name; in C it follows the model's name
-    arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS` in order; the results follow in C
+    name: str  # name of the kernel; in C it follows the model's name
+    arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS` in order; the result array follows in C
     result: str  # C name of the result array
     doc: str  # description of the results
-    #: Kernel whose last results are the results of this one, which C copies from it; or empty.
+    #: Kernel whose last results are the results of this one; C calls it and copies them. Or empty.
     tail_of: str = ""
-    #: Whether every model has the kernel. Other kernels are omitted in C if they have no results.
+    #: Whether every model has the kernel. C omits other kernels without results.
     is_required: bool = False
     #: Whether the argument ``s`` and the results omit sensitivities that are identically zero.
     is_packed: bool = False
-    #: Suffix of the kernel's field in the model structure, if another field has its name.
+    #: Suffix of the kernel's field in the model structure, if another field has this name.
     of: str = ""
 
     @property
@@ -87,7 +87,7 @@ _ROWS = (
         _SENSITIVITY,
         "ds",
         "rates of the sensitivities; s and ds omit those that are always zero",
-        # The called kernel must precede this one in the C text.
+        # In C, this kernel must follow the kernel that it calls.
         tail_of="augmented_rhs",
         is_packed=True,
     ),

@@ -25,60 +25,60 @@ class Layout:
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    sensitivities: tuple[str, ...]  # parameters and initial states of the sensitivities
+    sensitivities: tuple[str, ...]  # parameters and initial states with sensitivities
     parameter_values: tuple[float, ...]  # parameter values in the scene
     #: Sparsity pattern of the Jacobian in CSC form.
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
-    #: Entries of ``sensitivities`` on which each input's function in the scene depends.
+    #: For each input: the ``sensitivities`` on which its function in the scene depends.
     input_sensitivities: tuple[tuple[str, ...], ...]
     uncertain: tuple[str, ...]  # coordinates whose pivots must be checked at run time
     #: Constraint residuals in the order of the kernel ``constraints``.
     constraints: tuple[Quantity, ...]
     constraint_edges: tuple[str, ...]  # edge of each constraint that has a multiplier
     n_coordinates: int  # number of coordinates, which are the first states
-    n_speeds: int  # number of speeds, which are the states after the coordinates
-    #: Whether each state is an algebraic unknown; these are last, and their rates are residuals.
+    n_speeds: int  # number of speeds, which follow the coordinates
+    #: Whether each state is an algebraic unknown; these come last, and residuals are their rates.
     algebraic: tuple[bool, ...]
     quaternions: tuple[int, ...]  # index of the first state of each quaternion
     given: tuple[bool, ...]  # whether the scene prescribes the initial value of each state
-    #: Variables that are not states but have initial values, which are conditions on the start.
+    #: Variables that are not states but have initial values, which the start must satisfy.
     start_rows: tuple[str, ...]
     start_units: tuple[str, ...]  # units of these variables
     start_is_rate: tuple[bool, ...]  # whether each of these variables is a rate
-    #: Whether each output depends on multipliers, which are reactions.
+    #: Whether each output depends on multipliers, that is, on reactions.
     uses_multipliers: tuple[bool, ...]
     events: tuple[EventRow, ...] = ()  # events in the order of the kernel ``events``
     event_inputs: tuple[str, ...] = ()  # inputs that the event kernels read
     #: Variables whose initial values must agree with the values that follow from the states. The
-    #: kernel ``start`` ends with the values from the states, then the scene's initial values.
+    #: last results of ``start`` are these values, then the initial values in the scene.
     redundant: tuple[RedundantRow, ...] = ()
     #: Indices of states that are storage contents, each with the index of the algebraic unknown
-    #: that it determines. Without an initial content, the content follows from the unknown.
+    #: that the content determines. Without an initial content, the unknown's initial value is used.
     followers: tuple[tuple[int, int], ...] = ()
-    #: Sensitivity pattern in CSC form: states that depend on each parameter; others are zero.
+    #: Sensitivity pattern in CSC form: for each parameter, the states that depend on it.
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
-    #: Parameters that are derived from others and are not kernel arguments.
+    #: Parameters that are computed from other parameters and are no kernel arguments.
     derived: tuple[DerivedParameter, ...] = ()
-    #: For each kink, after the events: branch that ends, direction, is steep; see ``KinkRow``.
+    #: For each kink, after the events: branch that ends, direction, whether steep; see ``KinkRow``.
     kinks: tuple[tuple[int, int, bool], ...] = ()
-    #: Number of branches that steps freeze; they are the last prepared values, zero if not frozen.
+    #: Number of branches that steps freeze: the last prepared values, zero if not frozen.
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
     #: Index of each event, then of each kink, in the kernel ``event_ranges``; -1 if linear.
     ranges: tuple[int, ...] = ()
-    #: Number of quantities on which the ranges depend, the last results of the kernel ``events``.
+    #: Number of quantities on which ranges depend; they are the last results of ``events``.
     n_quantities: int = 0
-    #: Coordinates and rates with an initial value in the scene, in the scene's order.
+    #: Coordinates and rates whose initial values the scene prescribes, in its order.
     given_names: tuple[str, ...] = ()
 
     @cached_property
     def sensitivity_places(self) -> tuple[int, ...]:
-        """Indices of the nonvanishing sensitivities among all, parameter by parameter."""
+        """Indices of the sensitivities that are not identically zero, parameter by parameter."""
         n, starts = len(self.states), self.sensitivity_starts
         counts = [end - start for start, end in pairwise(starts)]
-        # The sensitivities to parameter j begin at index j n.
+        # Of n states, the sensitivities to parameter j begin at index j n.
         firsts = [j * n for j, count in enumerate(counts) for _ in range(count)]
         return tuple(first + i for first, i in zip(firsts, self.sensitivity_rows, strict=True))
 
@@ -97,17 +97,17 @@ class Layout:
 
     @property
     def has_events(self) -> bool:
-        """Whether there are events, or kinks of rates whose times depend on states."""
+        """Whether the model has events, or kinks of rates at times that depend on states."""
         return bool(self.events or self.kinks)
 
     @property
     def has_conditions(self) -> bool:
-        """Whether initial values must satisfy more than the algebraic equations."""
+        """Whether initial values must satisfy conditions besides the algebraic equations."""
         return bool(self.constraints or self.start_rows)
 
     @cached_property
     def has_start_equations(self) -> bool:
-        """Whether initial values follow from others or must be consistent with them."""
+        """Whether some initial values follow from others or must be consistent with others."""
         is_found = self.has_conditions or self.n_algebraic or self.followers or self.redundant
         return bool(is_found) or any(row.is_jump for row in self.events)
 
@@ -116,8 +116,8 @@ class Layout:
         """Indices of the speed constraints that are rates of coordinate constraints."""
         names = [row.name for row in self.constraints]
         n_rows = len(self.constraint_edges)
-        # The kernel returns the coordinate constraints, the rates of all constraints, and the
-        # quaternion norms. Constraints on speeds alone are only in the second group.
+        # The kernel returns coordinate constraints, then the rates of all constraints, then
+        # quaternion norms. Constraints on speeds alone occur only in the second group.
         n_values = len(names) - n_rows - len(self.quaternions)
         values, rates = set(names[:n_values]), names[n_values : n_values + n_rows]
         return tuple(i for i, name in enumerate(rates) if name.removesuffix("_dot") in values)
@@ -128,7 +128,7 @@ class Layout:
         return sum(self.algebraic)
 
     def report(self, kind: str, more: Iterable[tuple[str, str]]) -> Report:
-        """Return a report with names, the facts ``more`` and, in notebooks, parameters."""
+        """Return a report with names, the facts ``more`` and, in notebooks, the parameters."""
         groups = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
         values = zip(self.parameters, self.parameter_values, strict=True)
         facts = [

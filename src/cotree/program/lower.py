@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
 
 #: Rank tolerance of projections. Constraints count as redundant if the distance from a singular
-#: configuration is below its square root, since corrections would amplify rounding errors there.
+#: configuration is below its square root: corrections would amplify rounding errors there.
 _RANK = 1e-8
 
 
@@ -85,7 +85,7 @@ def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
 
 
 def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, list[Node]]:
-    """Form the results of the constraint kernels, which are empty without constraints."""
+    """Form the results of the constraint kernels; they are empty if there are no constraints."""
     rows = equations.constraints
     results: dict[str, list[Node]] = {
         "constraints": [],
@@ -108,7 +108,7 @@ def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, 
         # Constraints on speeds alone have no position residual.
         values = [zero if v is None else v for v in rows.values]
         shrink: dict[Node, Node] = {}
-        # Rotations do not change norms of quaternions to first order: correct these separately.
+        # To first order, rotations keep the norms of quaternions: correct these norms separately.
         for (_, q), norm in zip(rows.quaternions, norms, strict=True):
             # Newton's step along q for |q|^2 = 1, no rotation: dq = -q (|q|^2 - 1) / (2 |q|^2).
             factor = norm / (2.0 * _square(q))
@@ -145,12 +145,12 @@ def _step(
     """Form the change of states that removes the constraint residuals ``values`` and ``rates``."""
     n, n_coordinates = equations.n_speeds, equations.n_coordinates
     zeros = [equations.dag.zero] * n
-    # The lower rows of [M, -G^T; -G, 0] [v; *] = [0; c] are G v + c = 0: the residual vanishes to
-    # first order. Among all such v, the solution has minimum kinetic energy.
+    # The lower rows of [M, -G^T; -G, 0] [v; *] = [0; c] are G v + c = 0: to first order, the
+    # residual vanishes. Of all such v, the solution has minimum kinetic energy.
     shift = solved.bare.solve([*zeros, *values], _RANK)[:n]
     speed = solved.bare.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
-    # Coordinate rates are linear in the speeds; for the shift, they are coordinate changes.
+    # Coordinate rates are linear in the speeds: for the shift, they are changes of coordinates.
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)
     coordinates = [state.symbol for state in equations.states[:n_coordinates]]
@@ -161,12 +161,12 @@ def _step(
     ]
 
 
-#: Maximum numbers of unknowns, of factor updates and of operations in kernels that eliminate
+#: Maximum numbers of unknowns, of factor updates, and of operations of kernels that eliminate
 #: algebraic unknowns. Larger kernels take longer to compile than dense matrix loops to run.
 _MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
 
-# Functions whose curvature changes if their argument changes by 1; then functions whose curvature
-# changes, or that may have a kink, if their argument changes by its own magnitude.
+# Functions whose curvature changes if the argument changes by 1; functions that change curvature,
+# or have a kink, if the argument changes by its own magnitude.
 _OF_CHANGE = frozenset({"exp", "sin", "cos", "sinh", "cosh", "tanh", "atan"})
 _OF_SHARE = frozenset({"sqrt", "log", "abs", "sign"})
 
@@ -197,7 +197,7 @@ def reduced_kernels(
     if not 0 < equations.n_algebraic <= _MOST_UNKNOWNS:
         return found
     with equations.dag.labelled("elimination of algebraic unknowns"):
-        # Residuals are the last rates. Their derivatives with respect to all unknowns are g_z.
+        # The last rates are residuals. Their derivatives with respect to all unknowns are g_z.
         slopes = _rows_of(columns[cut:], cut, len(rates))
         factorised = factorise_unsymmetric(equations.dag, slopes, _MOST_UPDATES)
         if factorised is None:
@@ -205,20 +205,20 @@ def reduced_kernels(
         factors, doubt = factorised
         symbols = [state.symbol for state in equations.states[cut:]]
         found["algebraic_step"] = [*_newton_step(factors, rates, slopes, symbols), doubt]
-        # Models with constraints use a different projection.
+        # With constraints, a different projection is used.
         is_held = equations.constraints.rows or equations.constraints.quaternions
         if cut > 0 and equations.motion is not None and not is_held:
             extended = [*rates[:cut], *_unknown_rates(equations, factors, rates, motion)]
             along_rates, along_unknowns = _sensitivities(
                 equations, factors, columns[cut:], along, reached
             )
-            # This kernel is for runs without sensitivities.
+            # This kernel serves runs without sensitivities.
             found["extended_rhs"] = extended
             if along:
                 found["extended_augmented_rhs"] = [*extended, *along_rates]
             found["algebraic_sensitivity"] = along_unknowns
     return {
-        # The engine solves dense systems instead of a kernel that is too long.
+        # Kernels that are too long are omitted; the engine then solves dense systems.
         name: nodes if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS else []
         for name, nodes in found.items()
     }
@@ -243,7 +243,7 @@ def _newton_step(
     """Form the rates at the end of a step, the step, its second-order part and its validity."""
     dag, cut = factors.dag, len(rates) - len(symbols)
     first = factors.solve([-node for node in rates[cut:]])
-    # Second derivatives use symbols for z', replaced by its long expressions afterwards.
+    # Second derivatives use symbols for z', which are then replaced by its long expressions.
     known = {dag.symbol(STEP, j): node for j, node in enumerate(first)}
     seed = dict(zip(symbols, known, strict=True))
     changes, reach = _bends(dag, rates, seed), dag.one
@@ -251,7 +251,7 @@ def _newton_step(
     if changes is not None:
         reach = sum(substitute(changes, known), dag.zero)
         curved = substitute(_curvature(dag, slopes, seed), known)
-        # The last term of the series is z''/2, since s increases from 0 to 1.
+        # The last term of the series is z''/2, since s goes from 0 to 1.
         last = factors.solve([-0.5 * node for node in curved])
     step = [a + b for a, b in zip(first, last, strict=True)]
     ends = _values_after(rates[:cut], dict(zip(symbols, step, strict=True)))
@@ -261,22 +261,22 @@ def _newton_step(
 def _curvature(
     dag: Dag, slopes: Sequence[Mapping[int, Node]], seed: Mapping[Node, Node]
 ) -> list[Node]:
-    """Differentiate the rows of first derivatives along a step."""
+    """Form g_zz z' z' by differentiating the rows of first derivatives along a step."""
     steps = list(seed.values())
     changes = iter(tangents([node for row in slopes for node in row.values()], seed))
     return [sum((next(changes) * steps[j] for j in row), dag.zero) for row in slopes]
 
 
 def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Node]:
-    """Return values at the end of a step, with series for exponentials, which are costly."""
+    """Return values at the end of a step; costly exponentials are replaced by series."""
     new = {symbol: symbol + change for symbol, change in step.items()}
     order = reachable(values)
     changing = dependent(order, step)
     for node in order:
         if node.op == "exp" and node in changing:
-            # exp(a + d) = exp(a) (1 + d + d^2/2) has an error of third order, like the step.
+            # exp(a + d) = exp(a) (1 + d + d^2/2) has an error of third order, like the step itself.
             change = tangents(node.args, step)[0]
-            # The tangent is the change of the argument only if the argument is linear in the step.
+            # The tangent equals the argument's change only if the argument is linear in the step.
             if not changing.isdisjoint(reachable([change], stop=set(step.values()))):
                 change = substitute(node.args, new)[0] - node.args[0]
             new[node] = node + node * (change + 0.5 * (change * change))
@@ -284,10 +284,10 @@ def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Nod
 
 
 def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node] | None:
-    """Return the relative length of a step for each function that is nonlinear in it.
+    """Return the length of a step relative to the validity of the linear model, for each function.
 
-    If the length is close to one, the linear model fails. Return None if it is unknown for a
-    function, such as a table or an external function.
+    The linear model of a function fails at a length of about one. Return None if the length is
+    unknown for a function, such as a table or an external function.
     """
     order = reachable(roots)
     changing = dependent(order, seed)
@@ -295,7 +295,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     of_share: dict[Node, None] = {}
     for node in order:
         inner = [arg for arg in node.args if arg in changing]
-        # Sums, and products or quotients with one changing factor, are linear in the step.
+        # Sums are linear in the step, and so are products and quotients with one changing factor.
         if not inner or node.op in ("add", "sub", "neg"):
             continue
         if node.op in _OF_CHANGE:
@@ -324,7 +324,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
 def _moved(
     values: Sequence[Node], columns: Sequence[Mapping[int, Node]], step: Sequence[Node]
 ) -> list[Node]:
-    """Return values after a step of the unknowns, to first order."""
+    """Return values to first order after a step of the unknowns."""
     moved = list(values)
     for column, change in zip(columns, step, strict=True):
         for i, slope in column.items():
@@ -336,10 +336,10 @@ def _moved(
 def _unknown_rates(
     equations: Equations, factors: SparseFactors, rates: Sequence[Node], motion: Along
 ) -> list[Node]:
-    """Form z' such that the residuals remain zero along the motion."""
+    """Form z' such that the residuals remain zero during the motion."""
     dag, n = equations.dag, len(rates)
     cut = n - equations.n_algebraic
-    # If states change with their rates while z is constant, residuals change by g_x x' + g_t.
+    # With z held constant, the residuals change at the rate g_x x' + g_t.
     moving = {dag.symbol(STATE_RATE, i): rates[i] if i < cut else dag.zero for i in range(n)}
     changes = substitute([motion.rates.get(i, dag.zero) for i in range(cut, n)], moving)
     return factors.solve([-node for node in changes])
@@ -354,8 +354,8 @@ def _sensitivities(
 ) -> tuple[list[Node], list[Node]]:
     """Form the rates of sensitivities and the sensitivities of the unknowns.
 
-    The right-hand side for S_z is the derivative of the residuals at S_z = 0. The kernel argument s
-    contains neither S_z nor sensitivities that are identically zero.
+    The right-hand side for S_z is minus the derivative of the residuals at S_z = 0. The kernel
+    argument s contains neither S_z nor sensitivities that are identically zero.
     """
     dag, n = factors.dag, len(equations.states)
     cut = n - len(columns)
@@ -379,7 +379,7 @@ _Found = TypeVar("_Found")
 
 def lower(equations: Equations) -> Program:
     """Build a program from equations; raise ParameterError for sensitivities to unknowns."""
-    # The pattern is determined first, so that values of zero sensitivities fold away.
+    # Determine the pattern first, so that zero sensitivities simplify all further values.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
     rates = solved.substitute(equations.rates)
@@ -410,7 +410,7 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
-        # With the rates, so that one call suffices for a stage with sensitivities.
+        # The rates are included: a stage with sensitivities then takes a single call.
         "augmented_rhs": [*rates, *packed] if equations.sensitivities else [],
         "sensitivity_rhs": packed,
         "outputs": outputs[:m],
@@ -437,7 +437,7 @@ def lower(equations: Equations) -> Program:
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
         {name: time_events_along(own, seeds) for name, own in stops.items()},
-        # Long steps could also miss zeros of event functions that depend on a sine of time.
+        # Event functions are included: long steps could miss zeros caused by a sine of time.
         _of_time(equations, [*rates, *watched], find_longest_steps)
         if acts_in_part(rates) or watched
         else {},
@@ -455,7 +455,7 @@ def _of_time(
     rates: Sequence[Node],
     find: Callable[[Dag, list[Node]], tuple[_Found, ...]],
 ) -> dict[str, tuple[_Found, ...]]:
-    """Apply ``find`` to each input, with its name as key, and to the rates, with an empty key."""
+    """Apply ``find`` to each input, keyed by its name, and to the rates, keyed by an empty name."""
     found = {"": find(equations.dag, list(rates))}
     for quantity, value in zip(equations.inputs, equations.input_values, strict=True):
         found[quantity.name] = find(equations.dag, [value])
@@ -463,9 +463,9 @@ def _of_time(
 
 
 def _check_sensitivities(equations: Equations) -> None:
-    """Raise ParameterError for sensitivities to states that have no initial value of their own."""
+    """Raise ParameterError for sensitivities to initial values that follow from other values."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
-    # Unknowns that follow from contents are allowed: their values may replace the contents.
+    # Unknowns that follow from contents are allowed: their initial values may replace contents.
     algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
         if row.name in algebraic:
@@ -478,13 +478,13 @@ def _check_sensitivities(equations: Equations) -> None:
 def _differentiate(
     equations: Equations, solved: SolvedSystem, *, is_mapped: bool, with_columns: bool
 ) -> tuple[list[Along], list[Along], Along]:
-    """Differentiate along sensitivities, states and the motion, unless a map has the results."""
+    """Differentiate along sensitivities, states and the motion, unless maps have the results."""
     nothing = Along((), {}, {})
     wanted = [row for row in equations.sensitivities if row.outputs or not is_mapped]
     motion = [] if equations.motion is None else [equations.motion]
-    # Outputs are differentiated along all directions except the states.
+    # Outputs are differentiated along all directions except those of the states.
     columns = [replace(row, outputs={}) for row in equations.columns] if with_columns else []
-    # Directions share most values, so they are differentiated together and then separated.
+    # Directions share most values: differentiate all at once, then separate the results.
     found = iter(solved.along([*wanted, *motion, *columns]))
     along = [
         next(found) if row.outputs or not is_mapped else nothing for row in equations.sensitivities
@@ -498,7 +498,7 @@ def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[in
     starts, rows, values = [0], [], []
     for column in columns:
         for i, node in sorted(column.items()):
-            # Derivatives may have folded to zero.
+            # Some derivatives simplify to zero only here.
             if not node.is_zero:
                 rows.append(i)
                 values.append(node)
@@ -509,7 +509,7 @@ def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[in
 def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     observed = equations.output_values[: len(equations.outputs)]
-    # The unknowns are accelerations, then multipliers.
+    # Accelerations precede multipliers in the list of unknowns.
     n_held = n_speeds + len(equations.constraints.rows)
     on_multipliers = dependent(reachable(observed), equations.unknowns[n_speeds:n_held])
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)

@@ -1,30 +1,29 @@
 """Passes: transformations of a program that preserve its values, with reports of the savings.
 
-They run in the order of :data:`RECIPE`. Their assumptions and results are:
+Passes run in the order of :data:`RECIPE`. Their assumptions and results are:
 
 reciprocals
-    Assumes nothing. Values are the same to rounding. A kernel that divides by the same value more
-    than once multiplies by its reciprocal. So does a kernel that divides by a value that depends
-    only on parameters; ``prepare`` computes this reciprocal. Other divisions remain.
+    Assumes nothing. Values are the same to rounding. If a kernel divides by the same value more
+    than once, it multiplies by the reciprocal instead. The same holds for divisors that depend only
+    on parameters; ``prepare`` computes their reciprocals. Other divisions remain.
 sines
     Assumes nothing. Values are the same to one unit in the last place. Sines and cosines are
     combined unless their angles depend on other sines. Sines of parameters remain, since
     ``prepare`` computes them.
 balance
-    Assumes that nothing is prepared yet. There are no more operations than before. Terms are added
-    in another order, so values change by the rounding of sums. Sums remain if they would not be
-    complete earlier, or if the kernel has other operations to overlap. So do the sums of models
-    with algebraic unknowns: currents through large conductances cancel in the order in which they
-    were formed; in another order, rounding errors stopped rodas5 at tolerances of 1e-11.
+    Assumes that nothing is prepared yet. The number of operations does not increase. Terms are
+    added in another order, so values change by the rounding of sums. A sum remains if it would not
+    be complete earlier, or if the kernel has other operations to overlap. Sums of models with
+    algebraic unknowns also remain: currents through large conductances cancel in the order in which
+    they were formed; in another order, rounding errors stopped rodas5 at tolerances of 1e-11.
 stage
-    Assumes that nothing is prepared yet. Kernels read values that depend only on parameters from
-    ``k``; only ``prepare`` computes them. The branches that steps freeze follow these values in
-    ``k`` and are zero until a run sets them.
+    Assumes that nothing is prepared yet. Values that depend only on parameters are computed by
+    ``prepare``; other kernels read them from ``k``. The branches that steps freeze follow these
+    values in ``k``; they are zero until a run sets them.
 order
     Assumes nothing. Operations and values are the same. If one long path of operations determines
     the time of a kernel, values are in the order in which this path needs them, so that other
-    operations overlap with it. If more values would then have to be kept in memory, the order is
-    unchanged.
+    operations overlap with it. The order is unchanged if it would keep more values in memory.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ if TYPE_CHECKING:
 
 def stage_parameters(program: Program) -> Program:
     """Move the computation of values that depend only on parameters to ``prepare``."""
-    # All kernels are treated together, so that a value used by several of them is prepared once.
+    # All kernels at once, so that a value that several kernels use is prepared only once.
     results = [node for kernel in program.kernels.values() for node in kernel.results]
     dag, n_pieces = program.dag, program.layout.n_pieces
     frontier = _frontier(results)
@@ -67,13 +66,13 @@ def varying_values(order: Sequence[Node]) -> set[Node]:
 
 
 def _frontier(results: list[Node]) -> list[Node]:
-    """Return values that depend only on parameters and are results or used by other values."""
+    """Return values that depend only on parameters and are results or enter varying values."""
     order = reachable(results)
     varying = varying_values(order)
     read = {arg for node in order if node in varying for arg in node.args}
     read.update(results)
     return [
-        # Of a node with several results, kernels use only the results.
+        # Kernels read the results of a node with several results, not the node itself.
         node
         for node in order
         if node in read and node not in varying and node.args and node.op not in SEVERAL
@@ -100,7 +99,7 @@ def rewrite(
                 made = rebuilt(node, new)
         else:
             continue
-        # Unchanged values are omitted, so that their users are not rebuilt.
+        # Unchanged values are not recorded, so that their users are not rebuilt.
         if made is not node:
             new[node] = made
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
@@ -109,7 +108,7 @@ def rewrite(
 def with_reciprocals(kernel: Kernel) -> Kernel:
     """Replace repeated divisions in a kernel by products with a reciprocal."""
     order = kernel.order
-    # Reciprocals themselves are not replaced.
+    # 1 / x is itself a reciprocal and is not replaced.
     divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
     if not divisions:
         return kernel
@@ -123,13 +122,13 @@ def with_reciprocals(kernel: Kernel) -> Kernel:
 
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         above, below = (new.get(arg, arg) for arg in node.args)
-        # Nodes are interned, so this reciprocal is formed once for all divisions.
+        # Nodes are interned, so all divisions by this value share one reciprocal.
         return above * (1.0 / below)
 
     return rewrite(kernel, shared, form)
 
 
-#: Minimum number of angles whose sines are combined; fewer angles cost less one by one.
+#: Minimum number of angles whose sines are combined; for fewer angles, single calls cost less.
 _FEWEST = 3
 
 
@@ -137,7 +136,7 @@ def _packed(kernel: Kernel) -> Kernel:
     order = kernel.order
     found = [node for node in order if node.op in ("sin", "cos")]
     varying = varying_values(order)
-    # Angles that depend on a sine in the same kernel are not combined.
+    # Leave out angles that depend on a sine in the same kernel.
     late = dependent(order, found) - set(found)
     angles = list(
         dict.fromkeys(n.args[0] for n in found if n.args[0] in varying and n.args[0] not in late)
@@ -157,7 +156,8 @@ def _packed(kernel: Kernel) -> Kernel:
 #: Kernels that methods call at each step.
 _BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
 _SUMS = frozenset({"add", "sub", "neg"})
-#: Largest (time of all operations) / (longest path) to balance: chains fuse more operations.
+#: Sums are balanced only up to this (time of all operations) / (longest path). Beyond it,
+#: unbalanced chains are better, because they fuse more operations.
 _MOST = 2.0
 _PREPARED = -1.0  # time at which values of parameters are available, before all others
 
@@ -176,7 +176,7 @@ def _balanced(kernel: Kernel) -> Kernel:
     varying = varying_values(order)
     started, longest = bounds(order, set(order) - varying)
     inner = _inner_sums(order, kernel.results, varying)
-    # A shorter path does not help if the number of operations determines the time of the kernel.
+    # A shorter path is no gain if the number of operations determines the time of the kernel.
     if not inner or started > _MOST * longest:
         return kernel
     clock = _Clock(varying)
@@ -184,9 +184,9 @@ def _balanced(kernel: Kernel) -> Kernel:
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         made = rebuilt(node, new)
         if node.op in _SUMS and node not in inner:
-            # If both forms are available at the same time, the sum remains unchanged.
+            # If both forms are available at the same time, the original sum is kept.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
-        clock(made)  # stores its time before the time of any user is computed
+        clock(made)  # store the time of this value before that of its users
         return made
 
     return rewrite(kernel, set(order), form)
@@ -217,10 +217,10 @@ def _inner_sums(
 ) -> set[Node]:
     """Return the sums whose only user is another sum, into which they can be merged.
 
-    Sums of two kernel arguments are excluded, since the difference of two close arguments is exact.
+    Sums of two kernel arguments are excluded, since the difference of close arguments is exact.
     """
     uses = Counter(arg for node in order for arg in node.args)
-    # Being a result counts as a use, since a result merged into another sum would be lost.
+    # A result counts as a use, since it would be lost if it were merged into another sum.
     uses.update(results)
     return {
         arg
@@ -234,7 +234,7 @@ def _inner_sums(
 def _terms(
     node: Node, inner: Collection[Node], new: Mapping[Node, Node]
 ) -> list[tuple[Node, bool]]:
-    """Return the terms of a sum in order, each with true if it is added and false if subtracted."""
+    """Return the terms of a sum in order, each with true if it is added, false if subtracted."""
     terms: list[tuple[Node, bool]] = []
     left = [(node, True)]
     while left:
@@ -245,18 +245,18 @@ def _terms(
             left.append((part.args[0], not is_added))
         else:
             a, b = part.args
-            # The left term is on top of the stack, so that terms keep their order.
+            # The left term is pushed last and popped first, so that terms keep their order.
             left += [(b, is_added == (part.op == "add")), (a, is_added)]
     return terms
 
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
-    """Add terms, in each step the two that are available first."""
-    # Ordered by availability, then by position, so that nodes are never compared.
+    """Add terms: in each step, the two that are available first."""
+    # Sorted by time, then by position, so that nodes are never compared.
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
     heapify(heap)
     while len(heap) > 1:
-        # The two operands keep the order of their terms.
+        # Of the two operands, the one whose terms come first remains first.
         operands = sorted((heappop(heap), heappop(heap)), key=itemgetter(1))
         (_, i, a, is_added), (_, j, b, other) = operands
         if is_added == other:
@@ -264,27 +264,26 @@ def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
         elif is_added:
             total = a - b
         else:
-            # -a + b is formed as b - a, which saves a negation.
+            # Form -a + b as b - a, which saves a negation.
             total, is_added = b - a, True
         heappush(heap, (clock(total), min(i, j), total, is_added))
     _, _, total, is_added = heap[0]
     return total if is_added else -total
 
 
-#: Minimum number of operations in kernels that are reordered, the look-ahead of a processor.
+#: Kernels with fewer operations, the look-ahead of a processor, are not reordered.
 _FEW = 250
-#: Maximum number of operations in kernels that are reordered. In longer kernels, only the original
-#: order allows loops over repeated links: a chain of 1000 rods needs half the C text. A chain of
-#: 100 rods is twice as fast if reordered.
+#: Kernels with more operations are not reordered: loops over repeated links require the original
+#: order. They halve the text of a chain of 1000 rods. Reordering makes 100 rods twice as fast.
 _MANY = 20_000
-#: Ratio of (time to start all operations) to (longest path) above which any order overlaps.
+#: Ratio of (time to start all operations) to (longest path) above which any order overlaps well.
 _MOST_EARLY = 3.0
 
 
 def _ordered(kernel: Kernel) -> Kernel:
-    """Order the values of a kernel by the needs of the longest path, if that is faster."""
+    """Order the values of a kernel by the needs of the longest path, if this is faster."""
     order, prepared = kernel.order, kernel.prepared
-    # Kernels with maps keep their order: a map needs the arguments of all its columns.
+    # Kernels with maps keep their order, because a map needs the arguments of all columns.
     n = len(order) - len(prepared)
     if not _FEW <= n <= _MANY or any(node.op == "map" for node in order):
         return kernel
@@ -296,15 +295,15 @@ def _ordered(kernel: Kernel) -> Kernel:
 
 
 def _lifetimes(kernel: Kernel) -> int:
-    """Return the summed lifetimes of all values, in operations, which indicate register use."""
+    """Return the sum of the lifetimes of all values, in operations; it indicates register use."""
     formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
-    # Later entries overwrite earlier ones, so the index of the last user remains.
+    # Later entries overwrite earlier ones: the index of the last user remains.
     last = {arg: i for i, node in enumerate(formed) for arg in node.args}
     return sum(last.get(node, i) - i for i, node in enumerate(formed))
 
 
-#: All passes by name, in order. Reciprocals and sums are formed before staging, so that they are
-#: prepared if they depend only on parameters. The order of values is determined last.
+#: All passes by name, in order. Reciprocals and sums come before staging, so that those that depend
+#: only on parameters are prepared. The order of values is determined last.
 RECIPE: dict[str, Callable[[Program], Program]] = {
     "reciprocals": partial(for_each_kernel, with_reciprocals),
     "sines": partial(for_each_kernel, _packed),
@@ -345,7 +344,7 @@ def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
     """Run all passes of :data:`RECIPE`; return the program and a report of each pass."""
     reports = []
     for name, transform in RECIPE.items():
-        # Programs are immutable, so the report can refer to both.
+        # Programs are immutable, so the report can keep both of them.
         earlier, program = program, transform(program)
         reports.append(PassReport(name, earlier, program))
     return program, tuple(reports)

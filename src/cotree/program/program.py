@@ -35,26 +35,26 @@ class Kernel:
 
     spec: KernelSpec  # name, arguments and kind of results
     results: tuple[Node, ...]  # values that the kernel writes
-    #: Values that the kernel reads from ``k`` instead of computing them, with their indices.
+    #: Values that the kernel reads from ``k`` instead of computing them, with indices in ``k``.
     prepared: Mapping[Node, int]
-    #: Whether statements are in the order that the longest path needs, instead of the original one.
+    #: Whether statements are in the order that the longest path needs, not in the original order.
     is_by_need: bool = False
 
     @property
     def is_present(self) -> bool:
-        """Whether C has the kernel: it has results, or every model has it."""
+        """Whether C contains the kernel: it has results, or every model has it."""
         return bool(self.results) or self.spec.is_required
 
     @cached_property
     def order(self) -> list[Node]:
         """All values that the results need, including prepared values, in order of evaluation."""
-        # The traversal ends at prepared values, since ``prepare`` computes their arguments.
+        # Prepared values are not expanded, since ``prepare`` computes their arguments.
         order = reachable(self.results, stop=self.prepared)
         return by_need(order, self.prepared) if self.is_by_need else order
 
     @cached_property
     def operations(self) -> OperationCount:
-        """Numbers of operations of the kernel without ``prepare``."""
+        """Number of operations of the kernel, without those in ``prepare``."""
         return count_operations([node for node in self.order if node not in self.prepared])
 
 
@@ -66,11 +66,11 @@ class Program:
     layout: Layout  # names and sparsity patterns
     kernels: Mapping[str, Kernel]  # kernels by name, in the order of the registry
     guards: tuple[Guard, ...]  # conditions that ``prepare`` checks
-    #: Time events at which the scene's inputs jump or have kinks, by input name, and of all other
-    #: parts of the rates, by the empty name; with derivatives along each sensitivity.
+    #: Time events at which inputs jump or have kinks, by input name, with derivatives along each
+    #: sensitivity. The empty name stands for all other parts of the rates.
     stops: Mapping[str, tuple[TimeEvent, ...]] = field(default_factory=dict)
-    #: Upper bounds of the step size by input name, which apply unless a run replaces the input; of
-    #: all other parts of the rates, by the empty name.
+    #: Upper bounds of the step size by input name; they apply unless a run replaces the input. The
+    #: empty name stands for all other parts of the rates.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
     def restart_times(
@@ -83,13 +83,13 @@ class Program:
     ) -> RestartTimes:
         """Return the times within a span at which integration restarts, for parameters p.
 
-        ``replaced`` contains inputs that a run replaces; ``others`` further times, which depend on
-        no parameter. Raise SolveError if a period is far too short for the span, or the search
-        takes longer than ``time_limit``, [s].
+        ``replaced`` names inputs that a run replaces. ``others`` contains further times, which
+        depend on no parameter. Raise SolveError if a period is far too short for the span, or the
+        search takes longer than ``time_limit``, [s].
         """
         if not self.stops and not others:
             return RestartTimes.none()
-        # The time events of an input do not apply if a run replaces the input.
+        # If a run replaces an input, the time events of the input do not apply.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
             nodes = [
@@ -128,7 +128,7 @@ class Program:
     def traits(self) -> Traits:
         """Properties of the program that determine how kernels are called."""
         layout, results = self.layout, {n: k.results for n, k in self.kernels.items()}
-        # All other kernels are derivatives of these.
+        # All other kernels are derivatives of these kernels.
         names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
         read = symbols_in([node for name in names for node in results[name]])
         reached = {layout.parameters[node.data[1]].name for node in read if node.data[0] == "p"}
@@ -155,7 +155,7 @@ class Program:
 
     @cached_property
     def elimination(self) -> Elimination | None:
-        """The planned elimination for implicit methods, None if the pattern is singular."""
+        """Planned elimination for implicit methods; None if the pattern is singular."""
         layout = self.layout
         return plan_elimination(
             len(layout.states), layout.column_starts, layout.row_indices, layout.n_algebraic
@@ -163,7 +163,7 @@ class Program:
 
     @cached_property
     def operations(self) -> dict[str, OperationCount]:
-        """Operation counts of each kernel, including operations in ``prepare`` that it needs."""
+        """Operation counts of each kernel, including those operations in ``prepare`` it needs."""
         counts = {}
         for name, kernel in self.kernels.items():
             used = [node for node in kernel.order if node in kernel.prepared]

@@ -1,11 +1,11 @@
 """Sparsity pattern of the sensitivities: the states that may depend on each parameter.
 
-In: equations and their solution. Out: for each parameter the states that depend on it, and the
-equations without the sensitivities that are always zero. States whose initial value or rate depends
-explicitly on the parameter are reached; so are states whose rate depends on a reached state.
-Algebraic unknowns that equations connect are reached together. If a constraint or an event depends
-on the parameter, so do all states that it changes. If a parameter determines the times of kinks or
-jumps of a rate, the state is reached even if the rate is constant between such times.
+A state is reached by a parameter if its initial value or rate depends explicitly on the parameter,
+or if its rate depends on a reached state. Algebraic unknowns that equations connect are reached
+together. If a constraint or an event depends on the parameter, all states that it changes are
+reached. If a parameter determines the times of kinks or jumps of a rate, the state is reached even
+if the rate is constant between such times. Sensitivities of all other states are always zero and
+are removed from the equations.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.program.solved import SolvedSystem
 
-#: Bit mask of a value's symbols, and whether it may be nonzero if all of these are zero.
+#: Bit mask of a value's symbols, and whether the value may be nonzero if all of them are zero.
 _Part = tuple[int, bool]
 
 _CONSTANT: _Part = (0, True)
@@ -44,12 +44,12 @@ _ZERO: _Part = (0, False)
 def reached_states(
     equations: Equations, solved: SolvedSystem, timed: Sequence[Timed]
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the states that ever depend on each parameter; ``timed`` is from :func:`timed_by`."""
+    """Return the states that depend on each parameter; ``timed`` results from :func:`timed_by`."""
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
         return ()
-    # The derivatives along a direction contain only the sensitivities of this direction, so state i
-    # has bit i in all directions. Bits of the unknowns' tangents follow the bits of the states.
+    # A direction contains only its own sensitivities, so bit i means state i in all directions. The
+    # bits of the unknowns' tangents follow those of the states.
     bits = {
         equations.dag.symbol(SENSITIVITY, j * n + i): 1 << i
         for j in range(len(rows))
@@ -67,7 +67,7 @@ def reached_states(
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
         along.follow(followers(equations))
-        # Constraints and events may change further states: repeat until none is added.
+        # Constraints and events may add states, which may add further ones: repeat.
         reached = along.reached(own.states)
         while not reached.issuperset(
             moved := _moved(equations, parts, along, choosers, reached, own.is_event)
@@ -79,10 +79,10 @@ def reached_states(
 
 @dataclass(frozen=True)
 class Timed:
-    """The states and events whose conditions on time depend on one parameter."""
+    """States and events whose conditions on time depend on a parameter."""
 
     states: set[int]  # states with such a condition in their rates
-    is_event: bool  # whether there is such a condition in an event function
+    is_event: bool  # whether an event function has such a condition
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
@@ -96,7 +96,7 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
     order = reachable(roots) if any(looking.values()) else []
     found = []
     for row in rows:
-        # Time events depend on the parameter if their first time or period has a derivative.
+        # A time event depends on the parameter if its first time or period has a derivative.
         moved = [
             node
             for node, own in looking.items()
@@ -127,7 +127,7 @@ class _Parts:
             if node.op in ("mul", "div"):
                 is_left = all(remains)
             else:
-                # The value of a selection does not contain its condition.
+                # The condition of a selection does not contribute to its value.
                 is_left = any(remains[1:] if node.op == "select" else remains)
             self._known[node] = (mask, is_left)
 
@@ -136,24 +136,24 @@ class _Parts:
 
 
 class _Direction:
-    """One parameter, with the symbols on which the rate derivatives with respect to it depend."""
+    """A parameter, and the dependences of the derivatives with respect to it."""
 
     def __init__(self, row: Derivative, parts: _Parts, solving: Sequence[int], n: int) -> None:
         self.row, self._parts, self._n = row, parts, n
         forcing = [parts[node] for node in row.forcing]
-        # Each unknown depends on the entries of the forcing that the elimination combines.
+        # The elimination combines entries of the forcing; an unknown depends on those of its mask.
         self._tangents = [_either(forcing[k] for k in _places(mask)) for mask in solving]
         self.rates = {i: self.part(node) for i, node in row.rates.items()}
 
     def part(self, node: Node) -> _Part:
-        """Return the states on whose sensitivities a value depends, also through unknowns."""
+        """Return the dependence of a value on state sensitivities, directly or through unknowns."""
         mask, rest = self._parts[node]
         own = mask & ((1 << self._n) - 1)
         solved = _either(self._tangents[k] for k in _places(mask >> self._n))
         return own | solved[0], rest or solved[1]
 
     def depends(self, node: Node, reached: set[int]) -> bool:
-        """Return whether a value depends on the parameter."""
+        """Return whether a value depends on the parameter, given the states ``reached``."""
         mask, rest = self.part(node)
         return rest or not reached.isdisjoint(_places(mask))
 
@@ -169,19 +169,19 @@ class _Direction:
             self.rates |= dict.fromkeys(group, whole)
 
     def follow(self, followers: Sequence[tuple[int, int]]) -> None:
-        """Add to each storage content the dependence on the variable that it determines."""
+        """Make each storage content also depend on the unknown that it determines."""
         for total, follower in followers:
             mask, rest = self.rates.get(total, _ZERO)
             self.rates[total] = mask | 1 << follower, rest
 
     def reached(self, known: Iterable[int]) -> set[int]:
-        """Return all states that depend on the parameter, directly or through rates."""
+        """Return all states that depend on the parameter: those in ``known``, and through rates."""
         users: dict[int, list[int]] = {}
         for i, (mask, _) in self.rates.items():
             for k in _places(mask):
                 users.setdefault(k, []).append(i)
         reached = {i for i, node in self.row.initial.items() if not node.is_zero}
-        # A rate that is nonzero for zero sensitivities depends on the parameter directly.
+        # A rate that is nonzero if all sensitivities are zero depends on the parameter explicitly.
         reached |= {i for i, (_, rest) in self.rates.items() if rest}.union(known)
         stack = list(reached)
         while stack:
@@ -192,14 +192,14 @@ class _Direction:
 
 
 def followers(equations: Equations) -> tuple[tuple[int, int], ...]:
-    """Return index pairs: the content of a storage, and the unknown that it determines."""
+    """Return pairs of indices: the content of a storage, and the unknown that it determines."""
     places = {state.name: i for i, state in enumerate(equations.states)}
     rows = enumerate(equations.states)
     return tuple((i, places[state.follower]) for i, state in rows if state.follower)
 
 
 def _places(mask: int) -> Iterator[int]:
-    """Yield the positions of the bits that are set in a number."""
+    """Yield the positions of the set bits of a number."""
     while mask:
         low = mask & -mask
         yield low.bit_length() - 1
@@ -207,7 +207,7 @@ def _places(mask: int) -> Iterator[int]:
 
 
 def _either(parts: Iterable[_Part]) -> _Part:
-    """Return the dependences of a sum from the dependences of its terms."""
+    """Return the dependence of a sum from the dependences of its terms."""
     mask, rest = _ZERO
     for own, remains in parts:
         mask, rest = mask | own, rest or remains
@@ -215,7 +215,7 @@ def _either(parts: Iterable[_Part]) -> _Part:
 
 
 def _solving(solved: SolvedSystem) -> list[int]:
-    """Return a bit mask of the forcing entries on which each unknown depends."""
+    """Return for each unknown the bit mask of the forcing entries on which it depends."""
     own = [solved.dag.symbol(ENTRY, k) for k in range(len(solved.unknowns))]
     unknowns = solved.factors.solve(own) if own else []
     parts = _Parts(unknowns, {symbol: 1 << k for k, symbol in enumerate(own)})
@@ -223,10 +223,10 @@ def _solving(solved: SolvedSystem) -> list[int]:
 
 
 def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list[list[int]]:
-    """Group the algebraic unknowns that equations connect."""
+    """Return groups of algebraic unknowns that equations connect."""
     cut = len(equations.states) - equations.n_algebraic
     masks = [1 << i for i in range(cut, len(equations.states))]
-    # Groups are bit masks. An equation merges all groups that it contains.
+    # Groups are bit masks. Each equation merges all groups of which it contains an unknown.
     for i, (mask, _) in rates:
         if i < cut:
             continue
@@ -238,19 +238,19 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
 
 
 def _choosers(equations: Equations) -> dict[int, set[int]]:
-    """Return, for each state that events set, the states whose rates have conditions on it.
+    """Return for each state that events set the states whose rates depend on it.
 
-    The derivative of a selection, sign or floor with respect to its condition is zero, but the
-    value jumps with the condition.
+    Conditions are included: the derivative of a selection, sign or floor with respect to its
+    condition is zero, but the value jumps with the condition.
     """
     targets = {target for event in equations.events for target in event.targets}
     if not targets:
         return {}
     own = {equations.states[target].symbol: 1 << target for target in targets}
-    # All unknowns are assumed to depend on each state in their equations that an event sets.
+    # Assume that all unknowns depend on each event target in the equations.
     matrix = equations.matrix if isinstance(equations.matrix, tuple) else ()
     solved = [*equations.forcing, *(entry for row in matrix for entry in row)]
-    # Bit masks of the event targets on which each value depends.
+    # Bit masks of the states set by events on which each value depends.
     mask = supports_of(reachable(solved), own)
     whole = _either((mask[node], False) for node in solved)[0]
     mask |= dict.fromkeys(equations.unknowns, whole)
@@ -270,33 +270,33 @@ def _moved(
     reached: set[int],
     is_timed: bool,
 ) -> set[int]:
-    """Return the states whose changes by constraints and events depend on the parameter."""
+    """Return the states that constraints or events change in dependence on the parameter."""
     row, constraints = along.row, equations.constraints
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     moved: set[int] = set()
     turned = {entry for _, q in constraints.quaternions for entry in q}
     norms = {i for i, state in enumerate(equations.states) if state.symbol in turned}
     held = [*row.held, *row.held_rates, *row.start]
-    # A projection changes all coordinates and speeds together. The normalisation of quaternions
-    # that depend on the parameter is assumed to do so, too.
+    # A projection changes all coordinates and speeds together. The same is assumed of the
+    # normalisation of quaternions that depend on the parameter.
     if any(along.depends(node, reached) for node in held) or not norms.isdisjoint(reached):
         moved.update(range(n_coordinates + n_speeds))
     depending = {k for k, node in row.outputs.items() if along.depends(node, reached)}
-    # One event may trigger others at the same time.
+    # An event may trigger other events at the same time.
     is_timed = is_timed or any(event.watched in depending for event in equations.events)
     for event in equations.events:
         causes = event.causes
         moved |= {target for target, k in causes.items() if k in depending or target in reached}
         if is_timed:
-            # After an event whose time depends on the parameter, so do the states that it sets and
-            # the states whose rates it changes.
+            # If the time of an event depends on the parameter, so do the states that the event sets
+            # and the states whose rates it changes.
             moved |= {target for target, k in causes.items() if _moves(equations, parts, target, k)}
             moved |= along.users(causes).union(*(choosers[target] for target in causes))
     return moved
 
 
 def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool:
-    """Return whether a state, or its new value in an event, varies with time, unlike modes."""
+    """Return whether a state, or the value that an event sets, varies with time; modes do not."""
     assert equations.motion is not None  # models with events have a motion
     rates, slope = equations.rates, equations.motion.outputs.get(place, equations.dag.zero)
     mask, rest = parts[slope]

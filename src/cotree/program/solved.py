@@ -1,7 +1,7 @@
 """Equations solved for their unknowns, and their derivatives along any direction.
 
-Along a direction, ``A w' = b'`` is solved with the same factors of A as ``A w = b``; the
-sensitivity graphs yield b' = db - dA w.
+Along a direction, ``A w' = b'`` is solved with the factors of A from ``A w = b``. The sensitivity
+graphs provide b' = db - dA w.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Along:
-    """Derivatives along one direction as functions of states, inputs and parameters only."""
+    """Derivatives along one direction, as functions of states, inputs and parameters only."""
 
     unknowns: tuple[Node, ...]  # derivatives w' of the unknowns
-    #: Derivatives of the rates by index of the state, and of the outputs; missing ones are zero.
+    #: Derivatives of the rates by index of the state, and of the outputs; zeros are missing.
     rates: dict[int, Node]
     outputs: dict[int, Node]
 
 
 @dataclass(frozen=True)
 class SolvedSystem:
-    """The solution of linear equations, with the factors for further solutions."""
+    """Solution of linear equations, with the factors for further solutions."""
 
     dag: Dag  # arena of the nodes
     matrix: Sequence[Sequence[Node]]  # matrix A of ``A w = b``, symmetric
@@ -58,7 +58,7 @@ class SolvedSystem:
 
     @property
     def bare(self) -> RankedSolver:
-        """The solver without friction, which does not act in projections and impacts."""
+        """Solver without friction multipliers, since projections and impacts exclude friction."""
         return self.factors.inner if isinstance(self.factors, HeldFactors) else self.factors
 
     def substitute(self, nodes: Sequence[Node]) -> list[Node]:
@@ -67,7 +67,7 @@ class SolvedSystem:
 
     def along(self, directions: Sequence[Derivative]) -> list[Along]:
         """Differentiate along each of ``directions``."""
-        # All directions are substituted together, since they share most of their nodes.
+        # Substitute all directions at once, since they share most of their nodes.
         known = iter(
             self.substitute(
                 [
@@ -79,7 +79,7 @@ class SolvedSystem:
         )
         found = []
         for row in directions:
-            # The results are in the order of the arguments.
+            # Results are in the order of the arguments.
             forcing = [next(known) for _ in row.forcing]
             rates = [next(known) for _ in row.rates]
             outputs = [next(known) for _ in row.outputs]
@@ -98,8 +98,8 @@ class SolvedSystem:
     def solve_again(
         self, forcing: Sequence[Node], solution: Sequence[Node], seed: Mapping[Node, Node]
     ) -> list[Node]:
-        """Differentiate w of an impact: ``A w' = forcing - A' w``; ``seed`` has tangents for A."""
-        # A is differentiated here, since no sensitivity graph contains this solution.
+        """Form w' of an impact from ``A w' = forcing - A' w``; ``seed`` has the tangents for A."""
+        # A must be differentiated here: no sensitivity graph contains the solution of an impact.
         rest = list(forcing)
         n = len(solution)
         for i, row in enumerate(self.matrix[:n]):

@@ -1,6 +1,6 @@
 """Roots whose slope is infinite on both sides of zero, and their replacement near zero.
 
-A flow with the law ``sign(v)*sqrt(abs(v))`` comes to rest in a finite time, and its law has no
+A flow with the law ``sign(v)*sqrt(abs(v))`` comes to rest in a finite time, but the law has no
 derivative at rest. Within a band of half-width b around zero, the root r(z) is replaced by
 ``r(b)*(z/b)**3``, whose slope is zero at rest. If the law drives the state to zero from both sides,
 the solutions with both laws remain within the band and differ by at most b. The engine sets b to
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 def find_roots(
     nodes: Iterable[Node], condition: Node, is_same: Callable[[Node], bool]
 ) -> dict[Node, Node] | None:
-    """Return the roots that end at the zero of a condition, each with its signed argument.
+    """Return the roots whose domain ends at the zero of a condition, each with its signed argument.
 
-    ``is_same`` returns whether a value has the same zero as the condition and changes its sign with
-    it. The result is None if another operation ends at this zero, or an argument touches zero with
-    a slope of zero.
+    ``is_same`` returns whether a value has the same zero as the condition and changes sign there.
+    The result is None if the domain of another operation ends at this zero, or if an argument
+    touches zero with a slope of zero.
     """
     found: dict[Node, Node] = {}
     for way in ways_to_zero(condition):
@@ -49,7 +49,7 @@ def find_roots(
 
 
 def ends(node: Node, way: Mapping[Node, Node]) -> bool:
-    """Return whether an operation is undefined beyond the zero of a condition."""
+    """Return whether the domain of an operation ends at the zero of a condition."""
     first, *others = substitute(node.args, way)
     if node.op == "pow":
         return first.value is not None and first.value <= 0.0
@@ -57,7 +57,7 @@ def ends(node: Node, way: Mapping[Node, Node]) -> bool:
 
 
 def _signed(value: Node, is_same: Callable[[Node], bool]) -> Node:
-    """Return a value in which the condition replaces its absolute value."""
+    """Return a value in which the absolute value of the condition is replaced by the condition."""
     known: dict[Node, Node] = {}
     stack = [value]
     while stack:
@@ -75,27 +75,28 @@ def _exponent(root: Node) -> Node:
 
 @dataclass(frozen=True)
 class SteepRoots:
-    """Roots with their signed arguments, and their replacement near zero."""
+    """Roots with their signed arguments, and the replacement of roots near zero."""
 
     signed: Mapping[Node, Node]
 
     @cached_property
     def _slopes(self) -> dict[Node, Node]:
-        """The powers in derivatives of the roots, each with its root."""
+        """Powers that occur in the derivatives of the roots, each with its root."""
         return {root.dag.pow(root.args[0], _exponent(root) - 1.0): root for root in self.signed}
 
     def root_of(self, node: Node) -> Node | None:
-        """Return the root if a value is a root or its slope, else None."""
+        """Return the root if a value is a root or the slope of one, else None."""
         if node.op == "div" and node.args[1].op == "sqrt":
             node = node.args[1]
         node = self._slopes.get(node, node)
         return node if node in self.signed else None
 
     def replaced(self, node: Node, args: tuple[Node, ...], distance: Node, width: Node) -> Node:
-        """Form a root, or a quotient by it or power in its slope, replaced within the band.
+        """Form a root, or a part of its slope, with the replacement inside the band.
 
-        ``args`` are the new arguments of the node; for a quotient, the dividend and z. ``distance``
-        is z with its sign, and ``width`` the half-width b of the band.
+        ``node`` is the root r, a quotient c/r, or a power z**(e - 1); ``args`` are its new
+        arguments, for a quotient c and z. ``distance`` is z with its sign, ``width`` the half-width
+        b of the band.
         """
         dag, root = node.dag, self.root_of(node)
         assert root is not None

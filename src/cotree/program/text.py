@@ -1,4 +1,4 @@
-"""The C text of a program; texts from caches and other processes have the program as bytes."""
+"""The C text of a program. Texts from caches and other processes contain the program as bytes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Traits:
     """Properties of a program that determine how its kernels are called."""
 
     n_results: Mapping[str, int]  # number of results of each C kernel
-    #: Sensitivity parameters on which no state or output depends.
+    #: Sensitivity parameters on which neither states nor outputs depend.
     unreached: tuple[str, ...]
     is_rheonomic: bool  # whether conditions on initial states depend on time
     constant_inputs: tuple[str, ...]  # names of inputs that depend on parameters only
