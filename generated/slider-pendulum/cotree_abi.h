@@ -38,7 +38,7 @@ typedef struct cotree_event {
     int is_terminal;     /* 1: the event ends the run */
     int kind;            /* 0, or a kind of cotree_event_kinds.h for events that select a mode */
     int subtracts_mode;  /* 1: the event function is a value minus the mode; rounding is relative to both */
-    int n_prescribed;    /* first targets, kept as set; the other ones are speeds after an impact */
+    int n_prescribed;    /* first targets, prescribed; the others are speeds after an impact */
     int n_targets;
     const int *targets;  /* states that the event sets */
     int branch;          /* for a kink: index of the branch that it ends */
@@ -56,9 +56,9 @@ typedef struct cotree_hybrid {
     const cotree_event *events;
     int n_coordinates;     /* number of coordinates, the first states */
     int n_speeds;          /* number of speeds, which follow the coordinates */
-    int n_values;          /* number of constraints on coordinates, which come first */
+    int n_values;          /* number of constraints on coordinates, the first constraints */
     int n_rows;            /* number of constraints on speeds, which follow; rows of the gradient */
-    const int *value_rows; /* n_values: the constraint on speeds that is its derivative */
+    const int *value_rows; /* n_values: index of its derivative among the constraints on speeds */
     int n_quaternions;
     const int *quaternions; /* first state of each quaternion */
 } cotree_hybrid;
@@ -75,7 +75,7 @@ typedef struct cotree_model {
     int n_nonzeros; /* number of nonzeros of the Jacobian */
     int n_guards;
     int n_constraints; /* includes time derivatives and norms of quaternions */
-    int n_algebraic;   /* number of algebraic unknowns, the last states; rates are residuals */
+    int n_algebraic;   /* algebraic unknowns, the last states; their rates are residuals */
     const cotree_quantity *states;
     const cotree_quantity *parameters;
     const cotree_quantity *inputs;

@@ -1,4 +1,4 @@
-/* A relative tolerance of one or more would accept any error. */
+/* Return whether tolerances are valid. A relative tolerance of one would accept any error. */
 static int are_tolerances(cotree_real rtol, cotree_real atol)
 {
     return rtol >= COTREE_F(0.0) && rtol < COTREE_F(1.0) && atol >= COTREE_F(0.0) &&
@@ -34,7 +34,7 @@ static cotree_status project(integrator *d, cotree_real t)
 }
 
 #if COTREE_IMPLICIT
-#define ROUNDS 3 /* failures until the move is a rounding error: the step is 1/64 as long */
+#define ROUNDS 3 /* failures after which a move is a rounding error: the step is 1/64 as long */
 
 /* Return whether a projection moved the algebraic unknowns so far that the error estimate is
  * unreliable. shares: the moves in units of the tolerance; they are reset to zero. A move that does

@@ -148,9 +148,9 @@ static void accept(integrator *d)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Return whether the last trial step is accepted in spite of its error, since rounding of the time
- * hardly permits a shorter one. If the argument of a root reaches zero, sensitivities change like
- * the root of the time, so that their error is the root of a rounding error. */
+/* Return whether the last trial step is accepted in spite of its error, because rounding of the
+ * time hardly permits a shorter one. If the argument of a root reaches zero, sensitivities change
+ * like the root of the time, so that their error is the root of a rounding error. */
 static int is_shortest(const integrator *d)
 {
     const cotree_real most = COTREE_FMIN(LARGEST_ERROR, LARGEST_SHARE / d->rtol);

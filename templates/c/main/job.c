@@ -88,7 +88,7 @@ static int integrate(cotree_real t_end)
     job.n_breakpoints = 2;
     job.breakpoints = breakpoints;
 #endif
-    if (job.n_wanted == 0) job.wanted = breakpoints; /* it is not read, but must not be NULL */
+    if (job.n_wanted == 0) job.wanted = breakpoints; /* not read, but must not be NULL */
     job.memory = calloc(1, cotree_job_memory(&job));
     if (job.memory == NULL) return fail("out of memory");
     while (result == COTREE_JOB_MORE) {

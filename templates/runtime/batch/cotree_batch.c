@@ -243,7 +243,7 @@ static int lacks_space(const cotree_job *job)
            job->most_records;
 }
 
-/* Return the code of the limit that is exceeded, in the order of a single run; 0: none. */
+/* Return the code of the exceeded limit, tested in the order of a single run; 0: none. */
 static int exceeded_budget(const cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;

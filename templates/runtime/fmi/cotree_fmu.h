@@ -22,7 +22,7 @@
 #define FMU_CONTINUOUS 8
 #define FMU_STEP 16
 #define FMU_TERMINATED 32
-#define FMU_FAILED 64 /* FMI 2: status after a discarded step of Co-Simulation */
+#define FMU_FAILED 64 /* FMI 2: mode after a discarded step of Co-Simulation */
 #define FMU_RUNNING (FMU_EVENT | FMU_CONTINUOUS | FMU_STEP)
 #define FMU_ANY (FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING | FMU_TERMINATED | FMU_FAILED)
 #define FMU_SETTABLE (FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING)
@@ -119,7 +119,7 @@ void fmu_free(void *instance);
 fmu *fmu_call(void *instance, const char *function, int modes);
 int fmu_status(const fmu *m, int result);
 
-/* Reject a call; reject a call for n variables of a type that does not occur. */
+/* Reject a call. fmu_refuse_type: for n variables of a type that does not occur. */
 int fmu_refuse_call(fmu *m, const char *why);
 int fmu_refuse_type(fmu *m, size_t n);
 

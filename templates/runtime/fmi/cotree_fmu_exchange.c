@@ -118,7 +118,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     int i, status;
     fmu_set_projection(m, 1);
     cotree_run_narrow(&m->run, t, m->z, w);
-    cotree_events_restore(e, m->event_history); /* zero before the first update */
+    cotree_events_restore(e, m->event_history); /* the history is empty before the first update */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
         status = cotree_events_begin(e, t, w);
     } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || cotree_is_breakpoint(&m->stops, t)) {

@@ -232,7 +232,8 @@ int fmu_move_start(fmu *m, const int *is_known, double *seed)
     if (tables->is_at_rest) {
         for (j = 0; j < m->model->n_parameters; ++j) {
             if (of_p[j] != 0.0)
-                return fmu_refuse(m, "an operating point has no derivatives with respect to parameters");
+                return fmu_refuse(
+                    m, "an operating point has no derivatives with respect to parameters");
         }
     }
     if (tables->find_initial != NULL && tables->find_initial(m->p, m->k, m->initial) != 0) {

@@ -2,7 +2,7 @@
 #include "cotree_fmu_internal.h"
 
 #if COTREE_HAS_STEPS
-/* Relative tolerance of the start time of a step, since importers accumulate rounding errors. */
+/* Relative tolerance of the start time of a step: importers accumulate rounding errors. */
 #define TIME_RTOL 1e-9
 
 /* Set the breakpoints of a job: the start, time events and the end. */
@@ -11,7 +11,7 @@ static int set_breakpoints(fmu *m, double t, double end, cotree_job *job)
 #if COTREE_HAS_BREAKPOINTS
     const int n = cotree_most_breakpoints(&m->stops, t, end);
     if (n < 0) {
-        m->may_discard = 1; /* a shorter step succeeds */
+        m->may_discard = 1; /* a shorter step may succeed */
         return fmu_discard(m,
                            "the step has too many time events to list: the shortest period is "
                            "%.6g s; check its unit, or take shorter steps",
@@ -244,7 +244,7 @@ static int take_step(fmu *m, double t, double step, fmu_progress *progress)
     /* The step ended early. If the importer accepts no early return, a terminal event ended it. */
     progress->is_early = m->returns_early && job.t != end;
     if (result != COTREE_JOB_FAILED) return 0;
-    /* If a part of the step was computed, a shorter step succeeds. */
+    /* If a part of the step was computed, a shorter step may succeed. */
     m->may_discard = job.t > t;
     return log_failure(m, &job, n_events);
 }

@@ -13,7 +13,7 @@ static int update_time_events(fmu *m)
     if (m->tables->find_stops(m->p, m->k, m->limits) != 0) {
         return fmu_refuse(m, "the times of time events cannot be computed");
     }
-    /* From the last row to the first, since a row is longer than the kernel's result for it. */
+    /* From the last row to the first, because a row is longer than the kernel's result for it. */
     for (i = m->stops.n - 1; i >= 0; --i) {
         const double *const found = rows + i * width;
         double *const row = rows + i * (width + 1);

@@ -124,7 +124,7 @@ int cotree_most_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t
     int i;
     for (i = 0; i < breakpoints->n; ++i) {
         const cotree_real n = count_of(row_of(breakpoints, i), t, t_end);
-        /* The count may include a breakpoint at an end. */
+        /* Allow one more, because the count may include a breakpoint at an end. */
         if (!(n <= (cotree_real)COTREE_MOST_OF_SERIES + COTREE_F(1.0))) return -1;
         total += n;
     }

@@ -13,7 +13,7 @@ typedef int (*cotree_rate_function)(cotree_real t, const cotree_real *y, cotree_
  * smaller step is then tried. context is the pointer passed to init. */
 typedef int (*cotree_projection_function)(cotree_real t, cotree_real *y, void *context);
 
-/* Callback after a rejected step, before a shorter one is tried. */
+/* Callback after a rejected step, before a shorter step is tried. */
 typedef void (*cotree_rejection_function)(void *context);
 
 /* The equation M y' = f(t, y) for implicit methods. The diagonal matrix M has zeros for algebraic
@@ -32,9 +32,9 @@ typedef struct cotree_implicit_equation {
     /* Solve in place with the full Jacobian of f, including second derivatives for
      * sensitivities. */
     int (*solve)(cotree_real *u, void *context);
-    /* For projections that solve for the algebraic unknowns; otherwise NULL. follow computes the
-     * changes of these unknowns if the others change by u. is_bent returns whether the last
-     * projection moved them beyond the range in which the equations are nearly linear. */
+    /* follow computes the changes of the algebraic unknowns if the other entries change by u.
+     * is_bent returns whether the last projection moved the algebraic unknowns beyond the range in
+     * which their equations are nearly linear. NULL unless projections solve for these unknowns. */
     int (*follow)(cotree_real *u, void *context);
     int (*is_bent)(void *context);
     void *context;
@@ -69,10 +69,10 @@ typedef enum cotree_status {
     COTREE_FLAGGED = 17,
 #endif
 #if COTREE_HAS_ALGEBRAIC
-    COTREE_FOLD = 18, /* the solution of the algebraic equations ends, or jumps to another one */
+    COTREE_FOLD = 18, /* the algebraic unknowns reach a fold, or would jump to another solution */
 #endif
     COTREE_NOT_FINITE = 9,
-    COTREE_NOT_SOLVED = 10, /* the algebraic equations, or a value that depends on their unknowns */
+    COTREE_NOT_SOLVED = 10, /* algebraic unknowns, or values that depend on them, cannot be found */
     COTREE_NOT_PROJECTED = 11 /* the projection fails at a point to be stored */
 } cotree_status;
 

@@ -14,7 +14,7 @@
 #define COTREE_INTERPOLATION_H
 
 #include "cotree_limits.h"
-#ifndef HOLDS /* otherwise the including file computes with vectors */
+#ifndef HOLDS /* defined if the including file computes with vectors */
 #include "cotree_numbers.h"
 #endif
 

@@ -202,8 +202,8 @@ static void restrict_to_segment(const cotree_job *job, cotree_run *run)
 }
 
 #if COTREE_HAS_ALGEBRAIC
-/* Complete a point. At a fold, Newton's method may leave the branch of the accepted unknowns;
- * these are then used. */
+/* Complete a point. At a fold, Newton's method may leave the branch of the accepted unknowns; the
+ * accepted unknowns are then used. */
 static int complete_on_branch(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const int status = STEPPER->complete(job, t, w, is_exact);
@@ -255,11 +255,11 @@ static int store_wanted(cotree_job *job, cotree_real t_end)
     return status;
 }
 
-/* Store the points that the last step makes available. */
+/* Store the points that can be computed after the last step. */
 static int store_step(cotree_job *job, int is_last)
 {
     if (job->wanted != NULL) return store_wanted(job, STEPPER->known(job, is_last));
-    /* A step may be shorter than the rounding of t. */
+    /* If the step is shorter than the rounding of t, this time is already stored. */
     if (job->n_kept > 0 && job->times[job->n_kept - 1] == job->t) return COTREE_OK;
     return store_at(job, job->t);
 }
@@ -650,8 +650,8 @@ static int reject_step(cotree_job *job, cotree_real start, int status)
 #endif
 
 #if COTREE_HAS_ALGEBRAIC
-/* Return whether the algebraic unknowns jumped to another solution within the last step. If not,
- * they are accepted. */
+/* Return whether the algebraic unknowns jumped to another solution within the last step. Accept
+ * them if they did not. */
 static int is_beyond_fold(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
@@ -664,8 +664,8 @@ static int is_beyond_fold(cotree_job *job)
     return 0;
 }
 
-/* Return to the start of the last step with the algebraic unknowns there, since trial steps may
- * have found others. */
+/* Return to the start of the last step and to its algebraic unknowns, because trial steps may have
+ * found other solutions. */
 static void return_to(cotree_job *job, cotree_real start)
 {
     cotree_engine *const e = ENGINE;
@@ -677,7 +677,7 @@ static void return_to(cotree_job *job, cotree_real start)
         cotree_run_return(runs[i], start, e->run->branch);
 }
 
-/* Repeat a failed step towards another goal. `status` is the reason of its failure. */
+/* Repeat a failed step towards another goal. status: reason of the failure. */
 static int restart_towards(cotree_job *job, cotree_real goal, int status)
 {
     int result = COTREE_OK;
@@ -725,7 +725,7 @@ static int repeat_step(cotree_job *job, cotree_real start, int status)
 #endif
 
 #if COTREE_HAS_CONSTRAINTS
-/* Store the wanted points of the last step, enter a stretch and restart. */
+/* Store the wanted points of the last step, enter a singular stretch and restart. */
 static int change_stretch(cotree_job *job, cotree_stretch stretch)
 {
     int status = COTREE_OK;
@@ -756,7 +756,7 @@ static void record_crossing(cotree_job *job)
     ++job->n_crossed;
 }
 
-/* Return the end of the segment or of the stretch, whichever is nearer. */
+/* Return the nearer of the ends of the segment and of the stretch. */
 static cotree_real step_goal(const cotree_job *job, cotree_real end)
 {
     const cotree_singularity *const s = ENGINE->singularity;

@@ -66,8 +66,8 @@ typedef struct cotree_job {
     cotree_real max_step;
     int n_breakpoints; /* number of breakpoints: the start, time events, the end */
     const cotree_real *breakpoints;
-    cotree_real scale;                /* largest time used to compute breakpoints */
-    int is_start_sharp, is_end_sharp; /* 1: rates have a kink or jump there, too */
+    cotree_real scale;                /* largest time from which breakpoints are computed */
+    int is_start_sharp, is_end_sharp; /* 1: rates also have a kink or jump at this end */
 #if COTREE_HAS_MOVING_BREAKPOINTS
     /* Derivatives of the breakpoint times by the parameters, in one row for each breakpoint, and
      * the largest differences of these derivatives among coinciding time events. NULL: zero. */

@@ -17,7 +17,7 @@ COTREE_BEGIN_DECLS
 typedef enum cotree_stretch {
     COTREE_ORDINARY = 0,
     COTREE_STRICT = 1, /* rates are evaluated at projected points */
-    COTREE_LOOSE = 2   /* the same, with loosened tolerances */
+    COTREE_LOOSE = 2   /* as COTREE_STRICT, with loosened tolerances */
 } cotree_stretch;
 
 typedef struct cotree_singularity {

@@ -27,8 +27,8 @@ typedef struct cotree_engine {
     cotree_events events;
 #endif
 #if COTREE_HAS_ALGEBRAIC
-    cotree_real return_time; /* the start of the last step that was repeated */
-    cotree_real goal;        /* the end of the next step if is_repeated is set */
+    cotree_real return_time; /* start of the last step that was repeated */
+    cotree_real goal;        /* end of the next step if is_repeated is set */
     int is_repeated;         /* 1: the next step repeats one that failed */
 #endif
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
@@ -41,7 +41,7 @@ typedef struct cotree_engine {
     cotree_singularity *singularity; /* NULL: singular positions are not detected */
 #endif
     cotree_real *w;     /* current point of the integration, n entries */
-    cotree_real origin; /* the rounding of steps is relative to their distance from this time */
+    cotree_real origin; /* time from which the rounding of steps is measured */
     int is_running;     /* 1: the last step can be interpolated */
     int is_helped; /* 1: w has algebraic unknowns that the helper computed after a breakpoint */
     int n_short;   /* number of successive steps at rounding level */
@@ -81,7 +81,7 @@ struct cotree_stepper {
 cotree_run *cotree_job_begin_run(cotree_job *job, cotree_run *run, int has_sensitivities,
                                  cotree_arena *arena);
 
-/* Inline because it is called very often. */
+/* Inline, because it is called very often. */
 static inline cotree_engine *cotree_engine_of(const cotree_job *job)
 {
     return (cotree_engine *)job->memory;

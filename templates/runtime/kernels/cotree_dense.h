@@ -19,7 +19,7 @@ static inline int cotree_factorise(int n, cotree_real reference, cotree_real tol
     for (i = 0; i < n * n; ++i) {
         if (COTREE_FABS(a[i]) > largest) largest = COTREE_FABS(a[i]);
     }
-    /* All entries are initialised, since callers copy them even if the matrix is singular. */
+    /* Initialise all entries, because callers copy them even if the matrix is singular. */
     for (k = 0; k < n; ++k) rows[k] = columns[k] = k;
     for (k = 0; k < n; ++k) {
         cotree_real best = COTREE_F(0.0);

@@ -4,8 +4,8 @@
 
 #include "cotree_real.h"
 
-/* Name of a scalar function. Files in which vector functions have the plain names define another
- * one. */
+/* Name of a scalar function. A file in which vector functions have the plain names defines another
+ * name. */
 #ifndef COTREE_LOOKUP
 #define COTREE_LOOKUP(name) cotree_##name
 #endif

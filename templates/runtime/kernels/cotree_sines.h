@@ -25,8 +25,8 @@ TARGET static void NAMED(cotree_sines)(int n, const cotree_real *angles, cotree_
         for (first = 0; first < n; first += LANES) {
             VECTOR sine, cosine;
             BITS quarter, is_odd, a, b;
-            /* Assembled from scalars: they were just written one by one, and a vector load would
-             * stall. */
+            /* Assemble the vector from scalars, which were just written one by one: a vector load
+             * would stall. */
             const VECTOR x = {EACH(ANGLE)};
             NAMED(cotree_reduced_sine)(&x, &quarter, &sine, &cosine);
             is_odd = -(quarter & 1);

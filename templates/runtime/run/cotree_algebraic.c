@@ -108,7 +108,7 @@ void cotree_store_guess(cotree_run *run, cotree_real t, const cotree_real *x)
     int i;
     for (i = 0; i < N_ALGEBRAIC; ++i) run->found[place * N_ALGEBRAIC + i] = x[N_RATES + i];
     run->times[place] = t;
-    /* Once the ring buffer is full, only the remainder of the count matters; limit the count. */
+    /* Only the remainder of the count matters once the ring buffer is full, so limit the count. */
     if (++run->n_found == 2 * COTREE_RUN_REMEMBERED) run->n_found = COTREE_RUN_REMEMBERED;
 }
 
@@ -257,7 +257,7 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
     int i, n;
     for (n = 0; n < MAX_SERIES_STEPS; ++n) {
         cotree_real size = COTREE_F(0.0), rest = COTREE_F(0.0),
-                    left; /* sums rather than maxima, so that nan and infinity propagate */
+                    left; /* sums, unlike maxima, propagate nan and infinity */
         const int status = run->model->algebraic_step(t, x, run->u, run->p, run->k, run->rates);
         if (status != 0) return status;
         for (i = 0; i < m; ++i) {
@@ -421,7 +421,7 @@ static cotree_real size_of_unknown(const cotree_run *run, cotree_real before, co
     return COTREE_FABS(before) + COTREE_FABS(after) + NEAR_TOLERANCES * run->atol / NEAR;
 }
 
-/* Return the algebraic unknowns of a point with n entries, or the last solution if it has none. */
+/* Return the algebraic unknowns of a point with n entries; without any, those last solved for. */
 static const cotree_real *unknowns_of(const cotree_run *run, int n, const cotree_real *w)
 {
     if (n != run->n || run->n_lead > N_RATES) return w + N_RATES;
@@ -522,7 +522,7 @@ static int sign_of_determinant(cotree_run *run, cotree_real t, const cotree_real
 #define MAX_HALVINGS 30
 
 /* Return whether the determinant of g_z changes sign on the line between two solutions. If the
- * first one is at a fold, it does so nearby. */
+ * first solution is at a fold, the sign changes near it. */
 static int is_folded(cotree_run *run, cotree_real t, const cotree_real *low,
                      const cotree_real *high)
 {

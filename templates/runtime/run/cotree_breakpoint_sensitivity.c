@@ -30,8 +30,8 @@ int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, in
 #endif
 
 #if COTREE_HAS_MOVING_BREAKPOINTS
-/* Compute the rates on one side of a time event by extrapolation from two times on that side:
- * steep sources may change within the rounding error of t. */
+/* Compute the rates on one side of a time event by extrapolation from two times on that side,
+ * because steep sources may change within the rounding error of t. */
 static int rates_on_side(cotree_run *run, cotree_real t, cotree_real way,
                          cotree_breakpoint_sensitivity *crossing, cotree_real *rates)
 {

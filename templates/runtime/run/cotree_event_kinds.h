@@ -19,8 +19,8 @@
 #define COTREE_FRICTION_LOAD 9
 
 /* Event functions of rigid stops: the gaps, the contact force times the sign of the side, and the
- * rebound speed in excess of the rest threshold. All but the force have the impulse as second
- * target, which they set to the change of speed in an impact. */
+ * rebound speed in excess of the rest threshold. Except for the force, events have the impulse as
+ * second target and set it to the change of speed in an impact. */
 #define COTREE_STOP_UPPER 10
 #define COTREE_STOP_LOWER 11
 #define COTREE_STOP_FORCE 12

@@ -1,5 +1,5 @@
-/* cotree_limits.h: tolerances and limits of several files. Class Limits of tolerances.py contains
- * the first ones, too. */
+/* cotree_limits.h: tolerances and limits of several files. The first ones are also in class Limits
+ * of tolerances.py. */
 #ifndef COTREE_LIMITS_H
 #define COTREE_LIMITS_H
 
@@ -17,13 +17,13 @@
 #define COTREE_OPPOSED_COSINE COTREE_F(0.7)
 
 /* Maximum number of steps of a projection, and limit of small corrections. A small correction that
- * is more than half the previous one is a rounding error, since Newton's method converges
+ * is more than half the previous one is a rounding error, because Newton's method converges
  * quadratically. */
 #define COTREE_MOST_PROJECTIONS 10
 #define COTREE_SMALL_CORRECTION COTREE_SELECT(1e-08, 3.5e-04f)
 
-/* Constraints are violated if a residual, in its own unit, exceeds this fraction of max(1, largest
- * state). Trial steps near singular configurations, at a tolerance of 1e-8, remain below it. */
+/* Constraints are violated if a residual, in its unit, exceeds this fraction of max(1, largest
+ * state). At a tolerance of 1e-8, trial steps near singular configurations do not exceed it. */
 #define COTREE_LARGEST_RESIDUAL COTREE_SELECT(1e-06, 2.8e-03f)
 
 /* Rates jump at a breakpoint if their difference across it exceeds their change over the same time
@@ -35,8 +35,8 @@
 #define COTREE_STALL_SPACINGS 16
 #define COTREE_STALL_STEPS 5
 
-/* A run that becomes stiff changes its method only if more than this many steps remain: the other
- * method must be compiled, and needs some hundred steps and matrix evaluations itself. */
+/* A stiff run changes its method only if more than this many steps remain, because the other method
+ * must first be compiled and needs a few hundred steps and matrices itself. */
 #define COTREE_MOST_STIFF_STEPS 1000
 
 /* Number of points of the interpolation polynomial, and maximum estimated error of interpolation

@@ -60,7 +60,7 @@ static int check_constraints(cotree_run *run, cotree_real t, const cotree_real *
     const int status = run->model->constraints(t, x, run->u, run->p, run->k, run->residual);
     if (status != 0) return status;
     for (i = 0; i < N_STATES; ++i) largest = COTREE_FMAX(largest, COTREE_FABS(x[i]));
-    if (largest > COTREE_MAX) return 1; /* with an infinite state, every residual would pass */
+    if (largest > COTREE_MAX) return 1; /* an infinite state would accept every residual */
     for (i = 0; i < run->model->n_constraints; ++i) {
         if (!(COTREE_FABS(run->residual[i]) <= COTREE_LARGEST_RESIDUAL * largest)) return 1;
     }

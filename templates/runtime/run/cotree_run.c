@@ -7,7 +7,7 @@
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare)
 {
     void *const place = arena->base == NULL ? spare : arena->base + arena->used;
-    /* Keep the arena aligned for numbers and pointers. */
+    /* The arena keeps the alignment of numbers and pointers. */
     const size_t unit = sizeof(void *) > sizeof(cotree_real) ? sizeof(void *) : sizeof(cotree_real);
     arena->used += (size + unit - 1) / unit * unit;
     return place;
@@ -137,7 +137,7 @@ void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real
     }
 }
 
-/* Expand packed sensitivities of the first n states; all others become zero. */
+/* Expand packed sensitivities of the first n states; other sensitivities become zero. */
 static void unpack(const cotree_run *run, int n, const cotree_real *packed, cotree_real *s)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -315,7 +315,7 @@ int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, cons
 }
 #endif
 
-/* Inline because it is short and called very often. */
+/* Inline, because it is short and called very often. */
 static inline int packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
 {
     const cotree_model *const model = run->model;

@@ -103,9 +103,9 @@ typedef struct cotree_run {
     cotree_real pivot_growth; /* growth of rounding errors by the planned pivot order */
     cotree_real bend;         /* last correction over the radius of convergence */
     cotree_real *newton, *found, *times;
-    cotree_real *branch;  /* unknowns at the end of the last accepted step, then work */
-    cotree_real t_branch; /* its time */
-    cotree_real *branch_before, t_before; /* the same one step earlier */
+    cotree_real *branch;  /* unknowns at the end of the last accepted step, then work space */
+    cotree_real t_branch; /* time of the last accepted step */
+    cotree_real *branch_before, t_before; /* unknowns and time one step earlier */
     cotree_lu matrix;                     /* matrix of the algebraic equations */
     int n_found;
 #endif
@@ -164,7 +164,7 @@ void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_re
 void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *w);
 
 /* Convert between w and a point of a stepper, which has n entries: run->n, or n_packed with
- * algebraic unknowns. The unknowns become guesses. */
+ * algebraic unknowns. Store the unknowns as guesses. */
 void cotree_run_from_point(cotree_run *run, cotree_real t, int n, const cotree_real *point,
                            cotree_real *w);
 int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, int n,

@@ -36,7 +36,7 @@ typedef struct cotree_assembly {
     /* The rest is private. */
     int n_own, *places, *is_free;
     int level;                  /* level of the current assembly: 0 coordinates, 1 speeds */
-    cotree_real left, smallest; /* largest residual at the current point; smallest one so far */
+    cotree_real left, smallest; /* largest residual at the current point; minimum of these so far */
     cotree_real *residual, *conditions, *gradient, *start_gradient, *slopes, *start_slopes;
     cotree_real *values, *step, *change, *best, *trial, *aside, *parts;
     cotree_real longest; /* norm of the longest gradient factorised last */

@@ -77,8 +77,8 @@ static int write_states(const cotree_start *start, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Write the sensitivities of the initial values. A value that is set for the run depends on no
- * parameter but itself. */
+/* Write the sensitivities of the initial values. A value that is set for the run depends only on
+ * itself. */
 static int write_sensitivities(const cotree_start *start, cotree_real *s)
 {
     const cotree_run *const run = start->run;
@@ -253,7 +253,7 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
                                           start->assembly.start_slopes);
     for (j = 0; j <= N_SENSITIVITIES && status == 0; ++j) {
         const int seed = j > 0 ? tables->seeds[j - 1] : -1;
-        /* Magnitude of the parameter; zero for initial values, which redundant values follow. */
+        /* Magnitude of the parameter; zero for initial values, because redundant values follow. */
         const cotree_real size = j == 0     ? COTREE_F(1.0)
                                  : seed < 0 ? COTREE_F(0.0)
                                             : COTREE_FMAX(COTREE_FABS(run->p[seed]), LEAST_SIZE);

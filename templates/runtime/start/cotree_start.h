@@ -43,7 +43,7 @@ typedef struct cotree_start_call {
     int has_sensitivities;
     cotree_real *z;      /* result: states, then sensitivities */
     const char *culprit; /* name of the cause of a failure; "" if unknown */
-    int column;          /* the sensitivity that causes it; -1: unknown */
+    int column;          /* sensitivity that causes a failure; -1: unknown */
     int is_chosen;
     int is_dependent; /* 1: constraints are (nearly) dependent at the start */
 #if COTREE_HAS_MENDING

@@ -11,7 +11,7 @@ typedef struct cotree_assembly_tables {
     int n_speeds;          /* number of speeds, the next states */
     int n_values;          /* number of constraints on coordinates */
     int n_rows;            /* number of constraints on speeds, and of rows of the gradient */
-    const int *value_rows; /* n_values: the constraint on speeds that is its derivative */
+    const int *value_rows; /* n_values: index of its derivative among the constraints on speeds */
     int n_quaternions;
     const int *quaternions; /* first state of each quaternion */
     /* Conditions: initial values of variables that are not states. After the start n_conditions is

@@ -105,7 +105,7 @@ static int factorise_values(cotree_stiff *stiff, const cotree_real *values, cotr
     return 0;
 }
 
-/* Factorise with the stored derivatives; Newton's method may have factorised others since then. */
+/* Factorise with the stored derivatives; Newton's method may have factorised another matrix. */
 static int factorise(cotree_real shift, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -304,8 +304,8 @@ int cotree_stiff_complete(cotree_stiff *stiff, cotree_real t, const cotree_real 
     cotree_run *const run = stiff->run;
     cotree_run_unpack(run, z, run->full);
     if (N_ALGEBRAIC == 0) return 0;
-    /* Between steps the unknowns may be inaccurate: if Newton's method fails from there, other
-     * guesses are tried. */
+    /* Between steps, unknowns may be inaccurate. If Newton's method fails from them, it tries other
+     * guesses. */
     cotree_run_narrow(run, t, run->full, run->step);
     return cotree_run_find(run, t, run->step);
 }

@@ -1,7 +1,7 @@
 /* cotree_sundials.c: stepper of a job with the backward differentiation formulas of SUNDIALS.
  *
  * CVODE integrates the states; algebraic unknowns are solved for at each evaluation. IDA integrates
- * both. It excludes the unknowns from its error test, and they are solved for at each stored
+ * states and unknowns. Its error test excludes the unknowns, which are solved for at each stored
  * point. */
 #include "cotree_sundials_internal.h"
 
@@ -159,8 +159,7 @@ static int rate(double since, void *y, void *dy, void *data)
 }
 
 #else
-/* The nonlinear solver evaluates the residuals. Only IDAS calls this function, when they are
- * known. */
+/* The nonlinear solver evaluates the residuals. IDAS calls this function after they are known. */
 static int residual(double since, void *y, void *dy, void *left, void *data)
 {
 #if COTREE_SENSITIVITIES
@@ -184,7 +183,7 @@ static int status_of(cotree_job *job, int flag)
     job->flag = flag;
 #if !COTREE_IDA
     if (flag == NO_CONVERGENCE && (job->kernel_status > 0 || job->entry >= 0 || job->row >= 0)) {
-        return COTREE_RATE_FAILED; /* the rates fail with any step size */
+        return COTREE_RATE_FAILED; /* the rates fail at any step size */
     }
 #endif
     switch (flag) {

@@ -108,7 +108,7 @@ typedef struct cotree_bdf {
     double *apart;      /* storage of the sensitivity vectors */
     void **pointers;    /* SUNDIALS objects of the sensitivity vectors */
     void *follower;     /* nonlinear solver of staggered sensitivities */
-    int has_rates_next; /* 1: the next rates required are those at the solution just found */
+    int has_rates_next; /* 1: the next rates required are the rates at the solution just found */
     double time_of_rates;
 #endif
     cotree_shares shares; /* coefficients with which the matrix was formed */
