@@ -23,7 +23,7 @@ from cotree.errors import SceneError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-#: Names of the built-in types by module. The ``COMPONENTS`` mapping of each module defines them.
+#: Names of the built-in types by module; each module defines its types in ``COMPONENTS``.
 FAMILIES: Mapping[str, str] = {
     "multibody": "rigid_body arm weld revolute prismatic cylindrical universal spherical planar "
     "free screw distance slot knife_edge rolling_disc rolling_ellipsoid gear constraint spring "
@@ -55,7 +55,7 @@ class Catalogue(MutableMapping[str, Component]):
     """Component types by name. A module is imported when one of its types is first used."""
 
     def __init__(self) -> None:
-        #: Each type's component, or the name of its module until that is imported.
+        #: The component of each type, or the name of its module while this is not imported.
         self._rows: dict[str, Component | str] = {
             name: family for family, names in FAMILIES.items() for name in names.split()
         }
@@ -67,7 +67,7 @@ class Catalogue(MutableMapping[str, Component]):
         row = self._rows[name]
         if isinstance(row, str):
             family = import_module(f"{__name__}.{row}").COMPONENTS
-            # Do not overwrite types that users registered before this import.
+            # Keep types that users registered before this import.
             self._rows |= {own.name: own for own in family if self._rows.get(own.name) == row}
         found = self._rows[name]
         assert isinstance(found, Component)
@@ -160,7 +160,7 @@ def register_component(
     return made
 
 
-#: Names of the built-in types, without those that users register.
+#: Names of the built-in types, without types that users register.
 OWN = frozenset(COMPONENTS)
 
 __all__ = [

@@ -1,8 +1,8 @@
 """Chemical components: concentration is across; molar flow, from plus to minus inside, is through.
 
-A species is an edge to the ground, and so is each port of a reaction, with the flow that the
-reaction consumes. If this flow does not depend on the species' own concentration (products of
-one-way reactions, catalysts), the port is a source.
+A species is an edge to the ground. A reaction has one port per species, also to the ground, whose
+flow is what the reaction consumes of the species. The port is a source if this flow does not depend
+on the species' own concentration (products of one-way reactions, catalysts).
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ MOLAR_FLOW_SOURCE = through_source(
 def _mass_action(
     orders: tuple[int, ...], products: tuple[int, ...], net: int, *, is_reversible: bool
 ) -> Law:
-    """Return the law of a species' port: the rate at which the reaction consumes the species.
+    """Return the law of a species' port: the flow that the reaction consumes.
 
     ``orders[i]`` and ``products[i]`` count how often species ``i`` is a reactant and a product.
-    ``net`` is the amount of the port's species that one turnover consumes.
+    ``net`` is the number of molecules of the port's species that one turnover consumes.
     """
-    # Ports of species are numbered in the order in which the scene lists the species.
+    # The ports are numbered in the order in which the scene lists the species.
     names = tuple(f"across_{i}" for i in range(len(orders)))
 
     def law(volume: Any, rate: Any, *rest: Any) -> Any:
@@ -69,7 +69,7 @@ def _mass_action(
         forth, back = rate, rest[0] if is_reversible else 0
         for concentration, order, product in powers:
             forth, back = forth * concentration**order, back * concentration**product
-        # The flow, [mol/s], leaves the species' node; for a product, ``net`` is negative.
+        # The flow, [mol/s], leaves the species' node; ``net`` of a product is negative.
         return net * volume * (forth - back)
 
     fields = ("volume", "rate", "reverse_rate") if is_reversible else ("volume", "rate")
@@ -77,9 +77,9 @@ def _mass_action(
 
 
 def _port(number: int, name: str, net: int, law: Callable[[int], Law]) -> Terminal:
-    """Build the port of a species; ``net`` is the amount that one turnover consumes."""
+    """Build the port of a species; one turnover consumes ``net`` molecules of it."""
     through = law(net)
-    # A flow that is independent of the species' own concentration does not determine it.
+    # If the flow does not depend on the species' concentration, the port is a source.
     kind = Kind.DISSIPATOR if through.uses(f"across_{number}") else Kind.THROUGH_SOURCE
     return Terminal(
         _DOMAIN, kind, name, through=through, is_passive=False, between=(name, "ground")
@@ -87,7 +87,7 @@ def _port(number: int, name: str, net: int, law: Callable[[int], Law]) -> Termin
 
 
 def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
-    """Remove the node list ``field`` from ``fields``, and count how often it names each node."""
+    """Remove the list ``field`` from ``fields``, and count how often it names each node."""
     listed = fields.pop(field, [])
     is_list = isinstance(listed, (list, tuple))
     if not is_list or not all(isinstance(name, str) for name in listed):
@@ -103,7 +103,7 @@ def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
 def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     rest = dict(fields)
     reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)
-    # A catalyst (net 0) also gets a port: the rate depends on its concentration.
+    # A catalyst (net 0) also gets a port, because the rate depends on its concentration.
     species = tuple(dict.fromkeys([*reactants, *products]))
     if nodes or not species:
         raise SceneError(

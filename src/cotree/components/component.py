@@ -1,4 +1,4 @@
-"""Component types, which declare a role in the graph, fields, a motion space and a law."""
+"""Component types: each declares a role in the graph, fields, a motion space and a law."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 class Role(Enum):
-    """Role that an edge has when equations are formulated."""
+    """Role of an edge when equations are formulated."""
 
-    BODY = "body"  # inertia, whose forces are functions of accelerations
+    BODY = "body"  # inertia, whose forces depend on accelerations
     ARM = "arm"  # constant transformation between two frames, without a motion space
     JOINT = "joint"  # has a motion space and a reaction space
     LINE = "line"  # a force along an axis or along the line between two nodes
@@ -24,14 +24,14 @@ class Role(Enum):
     BUSHING = "bushing"  # forces and torques along and about three axes
     LAW = "law"  # a force with a user-defined law
     CONSTRAINT = "constraint"  # a kinematic constraint between two nodes
-    TOUCH = "touch"  # contact between the shapes of two bodies; its laws are in a scalar graph
+    TOUCH = "touch"  # contact between the shapes of two bodies, whose laws are in a scalar graph
     NETWORK = "network"  # component with ports in scalar graphs, each with a terminal equation
 
 
 class Acts(Enum):
     """Direction along which a user-defined law acts."""
 
-    LINE = "line"  # along the line between the nodes, or an axis fixed in the first
+    LINE = "line"  # along the line between the nodes, or along an axis fixed in the first node
     VELOCITY = "velocity"  # along the velocity of the second node relative to the first
 
 
@@ -58,11 +58,11 @@ class Field:
     shape : Shape
         Shape of its value.
     default : float or None
-        Value if the scene gives none; None if the field is then left out.
+        Value if the scene omits the field; None if the field then has no value.
     required : bool
         Whether a scene must set the field.
     constant : bool
-        Whether its value may depend on parameters only. Otherwise it may also depend on time,
+        Whether its value may depend on parameters only; otherwise, it may also depend on time,
         inputs and coordinates.
     timed : bool
         Whether its value may depend on time in addition to parameters.
@@ -90,11 +90,11 @@ class Freedom:
     unit: str  # unit of the coordinate
     rotates: bool  # true for a rotation about the axis, false for a translation along it
     #: Name of the field with the axis, or ``x``, ``y``, ``z``. The axis is fixed in the frame that
-    #: the preceding freedoms of the motion space have moved. If all coordinates are zero, this
+    #: results from the preceding freedoms of the motion space. If all coordinates are zero, this
     #: frame is parallel to that of the first node.
     axis: str
     rate: str = ""  # name of the rate of the coordinate; ``<name>_dot`` if empty
-    #: For a screw, the name of the field with its pitch: translation along the axis per radian.
+    #: For a screw, the name of the field with its pitch: the translation along the axis per radian.
     pitch: str = ""
 
     @property
@@ -112,19 +112,19 @@ class Freedom:
 class FreeRotation:
     """Unrestricted rotation: a quaternion, and the angular velocity in the second node's axes."""
 
-    # A quaternion has no singular orientations, unlike three angles. Its scalar part comes first.
+    # Unlike three angles, a quaternion has no singular orientations. Its scalar part comes first.
     coordinates: tuple[tuple[str, str], ...] = (("q0", ""), ("q1", ""), ("q2", ""), ("q3", ""))
     rates: tuple[tuple[str, str], ...] = (("w1", "rad/s"), ("w2", "rad/s"), ("w3", "rad/s"))
     rotates: bool = True
 
 
-#: One step of a motion space. Steps are ordered from the first node to the second.
+#: One step of a motion space; steps lead from the first node to the second.
 MotionStep = Freedom | FreeRotation
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Fields that must be normal or parallel to a plane, so that an edge keeps its nodes in it."""
+    """Fields that must be normal or parallel to a plane if an edge is to keep its nodes in it."""
 
     along: tuple[str, ...] = ()
     within: tuple[str, ...] = ()
@@ -132,10 +132,10 @@ class Plane:
 
 @dataclass(frozen=True)
 class Demand:
-    """Condition on several fields together, which is checked for the parameter values."""
+    """A condition on several fields, which is checked for the parameter values."""
 
-    law: Law  # function of the fields, whose value must be positive
-    breach: str  # predicate of the error message, which follows the name of the edge
+    law: Law  # function of the fields; its value must be positive
+    breach: str  # predicate of the error message; the edge's name is the subject
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class Component:
     @property
     def n_freedoms(self) -> int:
         """Dimension of the motion space."""
-        # Rates are counted, because a quaternion has four coordinates but three rates.
+        # Count rates, because a quaternion has four coordinates but only three rates.
         return sum(len(step.rates) for step in self.motion_space)
 
     @property
@@ -219,7 +219,7 @@ class Component:
         return next((field for field in self.fields if field.name == name), None)
 
 
-#: Nodes and fields of an edge as a scene states them, and the result of :attr:`Component.adapt`.
+#: Nodes and fields of an edge as stated in a scene, and the result of :attr:`Component.adapt`.
 Nodes = Sequence[object]
 Given = Mapping[str, Any]
 Adapted = tuple[Component, Nodes, Given]

@@ -3,8 +3,8 @@
 The mode of an edge (:mod:`cotree.scene.unilateral`) is 0 while it is open, 1 and -1 while it is
 closed at its upper or its lower limit. The first node carries a plane or a sphere, the second the
 body that touches it. Each point that may touch, such as a corner of a box, has a port for its gap
-and for each direction of slip: a rigid stop whose lower limit is zero and, in planar systems, dry
-friction whose normal force is that of the stop.
+and ports for the directions of slip. The port of the gap is a rigid stop with the lower limit zero.
+In planar systems, the port of a slip has dry friction, with the stop's force as normal force.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
         return own, nodes, given
 
     fields = (
-        # The limits are fixed, because moving limits would do work on the node.
+        # Limits are constant, because moving limits would do work on the node.
         Field("lower", unit, f"smallest {length}; unlimited if omitted"),
         Field("upper", unit, f"largest {length}; unlimited if omitted"),
         RESTITUTION,
@@ -86,7 +86,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: Fields that define the shapes that may touch; the contact laws do not use them.
+#: Fields of the shapes that may touch; the laws of contact do not use them.
 SHAPES = (
     Field("normal", "1", "normal of the first node's plane, towards the second node", Shape.VECTOR),
     Field("ball", "m", "radius of the first node's sphere, instead of a plane", sign="positive"),
@@ -114,7 +114,7 @@ SHAPES = (
     ),
 )
 
-#: Fields for dry friction at the contact.
+#: Fields of dry friction at the contact.
 FRICTION = optional(
     "friction", "1", "coefficient of friction; no friction if omitted", None, "nonnegative"
 )
@@ -130,7 +130,7 @@ GEOMETRY = Component(
 
 
 def spots_of(edge: str, given: Given) -> int:
-    """Count the contact points of an edge; raise SceneError for unsupported shapes."""
+    """Return the number of contact points of an edge; raise SceneError for unsupported shapes."""
     whose = f"edge '{edge}'"
     if ("normal" in given) == ("ball" in given):
         raise SceneError(
@@ -170,21 +170,21 @@ def spots_of(edge: str, given: Given) -> int:
 
 
 def box_edges(size: Any) -> tuple[int, ...]:
-    """Return the axes along which a box is extended; a plate has a size of 0 along its normal."""
+    """Return the axes along which a box is extended; a plate has the size 0 along its normal."""
     if isinstance(size, Mapping) and "value" in size:
         return box_edges(size["value"])
     if not isinstance(size, (list, tuple)) or len(size) != 3:
-        return (0, 1, 2)  # rejected later: it is not a vector
+        return (0, 1, 2)  # not a vector: rejected later
     return tuple(i for i, edge in enumerate(size) if not _is_written_zero(edge))
 
 
 def _is_written_zero(edge: Any) -> bool:
-    """Return whether a scene states a size as the number zero, even if in quotes or with a unit."""
+    """Return whether a size in a scene is the number zero, possibly in quotes or with a unit."""
     if isinstance(edge, Mapping):
         return _is_written_zero(edge.get("value"))
     try:
         return float(edge) == 0.0
-    except (TypeError, ValueError):  # the value is an expression
+    except (TypeError, ValueError):  # an expression, not a number
         return False
 
 
@@ -199,13 +199,13 @@ def slide_name(direction: int, suffix: str) -> str:
 
 
 def geometry_of(given: Given) -> Component:
-    """Return the part of a contact in the multibody system for the given fields."""
-    # If the force acts through the second node, it does not affect the node's rotation.
+    """Return the part of a contact that belongs to the multibody system, for the given fields."""
+    # If the force passes through the second node, it does not affect the rotation of this node.
     is_central = not given.keys() & {"friction", "axis", "size", "semiaxes"}
     return replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
 
 
-#: Length, [m], added to penetration depths in powers to keep derivatives finite.
+#: Length, [m], added to the penetration depth in powers, so that derivatives are finite.
 _OFFSET = 1e-30
 
 
@@ -214,19 +214,19 @@ class _ContactForces:
 
     def __init__(self, exponent: float, is_plane: bool, has_friction: bool) -> None:
         self._exponent = exponent
-        # A plane has two slip directions; a ball has the tangential parts of three axes.
+        # A plane has two slip directions. For a ball, slips are the tangential parts of three axes.
         self._slips = ("slip1", "slip2") if is_plane else ("part1", "part2", "part3")
         self._has_friction = has_friction
 
     def _normal_force(self) -> Any:
         """Return the normal force, which is never tensile.
 
-        K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the spring's force times one
-        plus a term that is proportional to the rate of approach.
+        K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the force of a spring is
+        multiplied by one plus a term proportional to the rate of approach.
         """
         depth = larger(-argument("stretch"), 0)
         share = 1 - 1.5 * argument("dissipation") * argument("across")
-        # The offset, below rounding errors, keeps second derivatives finite in open gaps.
+        # The offset is below rounding errors; it keeps second derivatives finite in open gaps.
         power = depth * (depth + _OFFSET) ** (self._exponent - 1)
         return argument("stiffness") * larger(share, 0) * power
 
@@ -250,7 +250,7 @@ class _ContactForces:
     def _slides(self, spot: int, end: str, normal: str) -> list[Terminal]:
         names = tuple(slide_name(i, end) for i in range(len(self._slips)))
 
-        # Friction is regularised: in each direction it is a smooth function of velocity near rest.
+        # Friction is regularised: near rest, it is a smooth function of velocity.
         squares = sum(argument(f"across_{name}") ** 2 for name in names)
         speed = sqrt(squares + argument("transition") ** 2)
         factor = -argument(f"through_{normal}") * argument("friction") / speed
@@ -268,13 +268,13 @@ class _ContactForces:
 
 
 def pushes(n_spots: int) -> tuple[PortMeasure, ...]:
-    """Return the measure that sums the normal forces of all contact points."""
+    """Return the sum of the normal forces of all contact points, as a measure."""
     terms = tuple((-1, "through", f"normal{suffix_of(i, n_spots)}") for i in range(n_spots))
     return (PortMeasure("force", "N", terms),)
 
 
 def _exponent(edge: str, given: Given) -> float:
-    """Return the exponent of the contact law, and check that it is a number not less than one."""
+    """Return the exponent of the contact law; raise SceneError unless it is a number >= 1."""
     value = given.get("exponent", 1.5)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 1 <= value <= 10:
         raise SceneError(f"exponent of edge '{edge}' must be a number from 1 to 10")
@@ -333,7 +333,7 @@ def _gap(spot: int, end: str) -> Terminal:
 
 
 def _slip(spot: int, end: str) -> Terminal:
-    # The normal force is minus the through variable along the gap.
+    # The normal force is the negative through variable along the gap.
     most, name = -argument("friction") * argument(f"through_normal{end}"), slide_name(0, end)
     friction = Friction(most, -most, most, -most, presser=f"normal{end}", suffix=f"_{name}")
     return _sliding(spot, 0, end, friction)
@@ -353,7 +353,7 @@ def _disc(spot: int, end: str) -> list[Terminal]:
 
     def friction(name: str) -> Friction:
         return Friction(
-            # The scene adds a field with the component of the slip direction.
+            # The scene adds this field: the component of the slip direction.
             most * argument(f"way_{name}"),
             # In an impact, friction acts along the slip after the impact.
             most * argument(f"direction_{name}"),
@@ -381,7 +381,7 @@ def _ports(n_spots: int, has_friction: bool, is_planar: bool = True) -> tuple[Te
 
 
 def with_discs(component: Component) -> Component:
-    """Extend a rigid contact from friction in planar motion to friction in spatial motion."""
+    """Extend a rigid contact: friction acts in both directions of slip instead of one."""
     n_spots = sum(terminal.kind is Kind.STOP for terminal in component.ports)
     return replace(component, ports=_ports(n_spots, True, is_planar=False))
 

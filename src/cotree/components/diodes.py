@@ -1,7 +1,7 @@
 """Semiconductor junctions and the diode, with charges and capacitances.
 
-Capacitances are C = dQ/dv, so that a capacitive current is the rate of a charge. Optional terms are
-present only if the scene gives their fields; a diode without charge has no state.
+Capacitances are C = dQ/dv, so that a capacitive current is the rate of a charge. Optional terms
+exist only if the scene gives their fields; without them, a diode stores no charge and has no state.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
 
 def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
     """Return I (exp(v / V) - 1): W. Shockley, Bell Syst. Tech. J. 28 (1949) 435."""
-    # Reverse current saturates at -I. The thermal voltage V is k T / e times the ideality factor.
+    # The reverse current saturates at -I. The thermal voltage V is k T / e times ideality factor.
     return saturation_current * (exp(voltage / thermal_voltage) - 1)
 
 
 def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     """Return the capacitance C (1 - v/V)^-m, continued by its tangent for v > F V.
 
-    The base of the power is at least 1 - F, so that the power and its derivatives are defined. By
-    default F is the field ``forward_share``.
+    The base of the power is at least 1 - F, so that the power and its derivatives are defined. F is
+    ``share``, by default the field ``forward_share``.
     """
     names = ("capacitance", "potential", "grading")
     capacitance, potential, grading = (argument(f"{prefix}_{name}") for name in names)
     share = argument("forward_share") if share is None else share
-    # ``over`` = max(v/V - F, 0) limits the base and is the argument of the tangent.
+    # ``over`` = max(v/V - F, 0) limits the base, and is the argument of the tangent.
     over = larger(voltage / potential - share, 0)
     base = 1 - voltage / potential + over
-    # Value and slope are continuous at the start of the tangent.
+    # Value and slope are continuous where the tangent begins.
     return capacitance * base ** (-grading) * (1 + grading * over / (1 - share))
 
 
@@ -66,7 +66,7 @@ def split_extras(
     """Return the names in ``fields`` that add a term, and the given values without zero terms."""
     names = {row.name for row in fields}
     has = frozenset(name for name in names if not is_absent(given.get(name)))
-    # Remove the fields of terms that are absent.
+    # Remove the fields of absent terms.
     return has, {
         key: item
         for key, item in given.items()
@@ -123,7 +123,7 @@ _FIELDS = (
 def _diode(has: frozenset[str]) -> Component:
     if "series_resistance" not in has:
         return scalar("diode", _DOC, _FIELDS, _junction(has, "", ("", "")))
-    # A series resistance needs an inner node between two ports.
+    # With a series resistance, an inner node lies between two ports.
     return scalar(
         "diode",
         _DOC,
@@ -140,7 +140,7 @@ def _diode(has: frozenset[str]) -> Component:
 
 def _junction(has: frozenset[str], name: str, between: tuple[str, str]) -> Terminal:
     through, storage = _current(has), None
-    # If the junction stores charge, its voltage is a state, and the static current adds to C dv/dt.
+    # If the junction stores charge, its voltage is a state; the static current adds to C dv/dt.
     if has & {"junction_capacitance", "transit_time"}:
         storage = _capacity(has)
     kind = Kind.DISSIPATOR if storage is None else Kind.ACROSS_STORAGE
@@ -154,7 +154,7 @@ def _current(has: frozenset[str]) -> Any:
         current += argument("leakage") * v
     if "breakdown_voltage" in has:
         beyond = v + argument("breakdown_voltage")
-        # Avalanche current, exponential in the voltage beyond breakdown.
+        # Avalanche current beyond the breakdown voltage; it is exponential in the voltage.
         current -= argument("breakdown_current") * exp(-beyond / thermal)
     return current
 
@@ -165,7 +165,7 @@ def _capacity(has: frozenset[str]) -> Any:
     if "junction_capacitance" in has:
         capacity += depletion_capacity(v, "junction")
     if "transit_time" in has:
-        # Diffusion charge is the transit time times the current.
+        # The diffusion charge is the transit time times the current.
         slope = junction_current(v, argument("saturation_current"), thermal).slope("across")
         capacity += argument("transit_time") * slope
     return capacity

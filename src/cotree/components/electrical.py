@@ -1,6 +1,6 @@
 """Electrical components: two-node elements, couplings, sources and windings.
 
-Integration stops at the kinks of waveforms, see :mod:`cotree.dag.switching_times`.
+Integration restarts at the kinks of waveforms, see :mod:`cotree.dag.switching_times`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ RESISTOR = resistance(
     value("resistance", "ohm", "resistance R in v = R i", "nonzero"),
 )
 
-# i = C dv/dt even if C depends on states; a nonlinear capacitor has i = dq/dt instead.
+# i = C dv/dt, even if C depends on states; for i = dq/dt, see the nonlinear capacitor.
 CAPACITOR = storage(
     _DOMAIN,
     "capacitor",
@@ -89,7 +89,7 @@ def _charge(port: str) -> Terminal:
     )
 
 
-# The capacitance matrix need not be symmetric, so that neither port is passive.
+# The capacitance matrix need not be symmetric, so no port is passive.
 THREE_TERMINAL_CAPACITOR = scalar(
     "three_terminal_capacitor",
     "two charges relative to a common terminal, each a function of both voltages",
@@ -104,8 +104,8 @@ THREE_TERMINAL_CAPACITOR = scalar(
 
 
 def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
-    """Return a contact's resistance, interpolated logarithmically between open and closed."""
-    # The resistances differ by decades: interpolated logarithms keep relative slopes moderate.
+    """Return a contact's resistance; its logarithm is interpolated between open and closed."""
+    # The resistances differ by decades; with their logarithms, relative slopes stay moderate.
     share = select(-closed, 0, select(closed - 1, 1, closed))
     return off_resistance * exp(share * log(on_resistance / off_resistance))
 
@@ -147,7 +147,7 @@ GYRATOR = ideal_gyration(
     (_DOMAIN, "secondary"),
 )
 
-#: Controlling ports: an open port measures a voltage, a short-circuited port a current.
+#: Ports that control a source: an open port measures a voltage, a shorted port a current.
 _VOLTMETER = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, "control", through=ZERO, is_passive=False)
 _AMMETER = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=ZERO, is_passive=False)
 
@@ -155,8 +155,8 @@ _AMMETER = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=ZERO, is_pass
 def _controlled(
     name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
 ) -> Component:
-    """Build a source of voltage or current that is controlled by a voltage or current."""
-    # The controlling port does not supply the power of the controlled port: neither is passive.
+    """Build a source of voltage or current, controlled by a voltage or current."""
+    # The power of the controlled port does not come from the controlling port: none is passive.
     measured = "across_control" if by_voltage else "through_control"
     law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
     if gives_voltage:
@@ -178,7 +178,7 @@ CCVS = _controlled(
 CCCS = _controlled("cccs", False, False, ("gain", "1", "output current per control current"))
 
 
-# Infinite gain: input voltage and current are zero; the network determines the output.
+# With infinite gain, input voltage and current are zero; the network determines the output.
 _INPUT = Terminal(_DOMAIN, Kind.NULLATOR, "input", across=ZERO, through=ZERO, is_passive=False)
 _OUTPUT = Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False)
 
@@ -196,7 +196,7 @@ NULLOR = scalar(
 )
 
 
-#: Period that makes a pulse occur only once, longer than any run, [s].
+#: A period longer than any run, [s]: the pulse occurs only once.
 _NEVER = 1e30
 
 VOLTAGE_SOURCE = across_source(
@@ -215,7 +215,7 @@ CURRENT_SOURCE = through_source(
 
 
 def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay: Any) -> Any:
-    # The argument is constant during the delay, so that the waveform is continuous at its end.
+    # The argument is zero during the delay, so the waveform is continuous at the end of the delay.
     passed = larger(t - delay, 0)
     return offset + amplitude * sin(2 * math.pi * frequency * passed + phase)
 
@@ -223,7 +223,7 @@ def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay
 def _pulse(
     t: Any, low: Any, high: Any, delay: Any, rise: Any, fall: Any, width: Any, period: Any
 ) -> Any:
-    # ``s`` is the time since the start of the current period, negative before the first pulse.
+    # ``s`` is the time since the start of the current period; negative before the first pulse.
     count = floor(larger((t - delay) / period, 0))
     s = t - delay - period * count
     # Each interval begins where the previous one ends.
@@ -259,7 +259,7 @@ def _pulse_fields(unit: str) -> tuple[Field, ...]:
 def _waveforms(
     name: str, doc: str, fields: Callable[[str], tuple[Field, ...]], law: Callable[..., Any]
 ) -> tuple[Component, Component]:
-    # Both sources use one law. It prescribes the voltage in one and the current in the other.
+    # Both sources have the same law: it prescribes the voltage of one, the current of the other.
     voltage = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
     current = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))
     return (
@@ -269,10 +269,10 @@ def _waveforms(
 
 
 def _tabled(source: Component) -> Adapt:
-    """Return a function that combines ``times`` and ``values`` into a table, the source's field."""
+    """Return a function that sets a source's field to the table of ``times`` and ``values``."""
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-        # Any scalar field accepts a table over an expression, which is the time here.
+        # A scalar field accepts a table over any expression; here the expression is the time.
         rest = dict(fields)
         for name in ("times", "values"):
             if name not in rest:
@@ -314,13 +314,13 @@ def coupling_field(i: int, j: int) -> str:
 
 
 def _induced(*values: Any) -> Any:
-    """Sum k sqrt(L Lj) dij/dt over the other windings; values are L, then k, Lj, dij/dt of each."""
+    """Return the sum of k sqrt(L Lj) dij/dt from L and, for each other winding, k, Lj, dij/dt."""
     own, others = values[0], zip(values[1::3], values[2::3], values[3::3], strict=True)
     return sum(coupling * sqrt(own * other) * rate for coupling, other, rate in others)
 
 
 def _winding(i: int, n: int) -> Terminal:
-    """Build the port of winding i of n: self-inductance and the voltages that others induce."""
+    """Build the port of winding i of n: self-inductance, and voltages induced by the others."""
     own = f"inductance{i}"
     # ``_induced`` takes its arguments in groups of three: k, Lj and dij/dt.
     names = [own]
@@ -341,7 +341,7 @@ def _determinant(n: int, *couplings: Any) -> Any:
 
 
 def _expanded(rows: list[list[Any]]) -> Any:
-    """Expand a determinant along its first row."""
+    """Return a determinant, expanded along its first row."""
     if not rows:
         return 1.0
     return sum(
@@ -351,9 +351,9 @@ def _expanded(rows: list[list[Any]]) -> Any:
 
 
 # If all leading minors are positive, the inductance matrix is positive definite (Sylvester's
-# criterion): the stored energy is positive, and the fluxes determine the currents.
+# criterion). Then the stored energy is positive, and the fluxes determine the currents.
 def _demand(n: int) -> Demand:
-    """Return the demand that the leading coupling minor for n windings be positive."""
+    """Return the demand that the leading minor of the couplings of n windings is positive."""
     names = tuple(coupling_field(*pair) for pair in combinations(range(1, n + 1), 2))
     return Demand(Law.taking(names, partial(_determinant, n)), _COMPLETE if n == 2 else _TOO_CLOSE)
 
@@ -365,7 +365,7 @@ def _windings(n: int) -> Component:
     couplings: list[Field] = [value("coupling", "1", doc, "")]
     if n > 2:
         pairs = combinations(every, 2)
-        # Two windings require a coupling. With more windings, pairs may be uncoupled.
+        # Two windings need a coupling. Of more windings, pairs may be uncoupled.
         couplings = [optional(coupling_field(*pair), "1", doc, 0.0) for pair in pairs]
     return scalar(
         "coupled_inductors",
@@ -375,14 +375,14 @@ def _windings(n: int) -> Component:
             *couplings,
         ),
         *(_winding(i, n) for i in every),
-        # The first leading minor is always one, so that demands begin with two windings.
+        # The first leading minor is always one, so demands begin with two windings.
         demands=tuple(_demand(k) for k in range(2, n + 1)),
     )
 
 
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     del edge
-    # Windings are counted up to the first one without an inductance.
+    # Count the windings up to the first one without an inductance.
     n = 2
     while n < len(WINDINGS) and f"inductance{n + 1}" in fields:
         n += 1

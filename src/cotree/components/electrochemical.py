@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _DOMAIN = "electrical"
 
-#: Faraday's constant, [C/mol], and the molar gas constant, [J/(mol K)]: exact since the SI of 2019.
+#: Faraday's constant, [C/mol], and the molar gas constant, [J/(mol K)], both exact since 2019.
 FARADAY, GAS = 96485.33212331, 8.31446261815324
 
 _TEMPERATURE = optional("temperature", "K", "absolute temperature", 298.15, "positive")
@@ -25,7 +25,7 @@ _ELECTRONS = optional(
     "electrons", "1", "electrons transferred per turnover of the reaction", 1.0, "positive"
 )
 
-#: State of charge, one if the cell is full. A positive current charges the cell.
+#: State of charge, one for a full cell. Positive current charges the cell.
 STATE_OF_CHARGE = Integral("soc", "1", Law(lambda through, capacity: through / capacity))
 
 OPEN_CIRCUIT_VOLTAGE = scalar(
@@ -45,7 +45,7 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
 )
 
 
-# R T / F, 25.69 mV at 25 degrees Celsius.
+# The thermal voltage R T / F is 25.69 mV at 25 degrees Celsius.
 def _thermal_voltage(temperature: Any) -> Any:
     return GAS / FARADAY * temperature
 
@@ -121,14 +121,14 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
     """
     places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
     ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
-    # The last pair of nodes belongs to the charge storage at the minus terminal.
+    # The last two nodes belong to the charge storage, at the minus terminal.
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):
         storage = argument(f"capacitance{i}")
         ports += [
             resistive(_DOMAIN, f"resistance{i}", f"resistor{i}", between),
             Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
         ]
-    # The charge storage is an across source whose voltage depends on the integral of its current.
+    # The charge storage is an across source; its voltage depends on the integral of its current.
     voltage, ends = argument("open_circuit_voltage"), (places[-2], "minus")
     store = Terminal(
         _DOMAIN, Kind.ACROSS_SOURCE, across=voltage, between=ends, integral=STATE_OF_CHARGE
@@ -137,7 +137,7 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
 
 
 def _measures(pairs: Sequence[int]) -> tuple[PortMeasure, ...]:
-    # Terminal voltage is the sum along the chain; that of an RC pair is that of its capacitor.
+    # The terminal voltage is the sum along the chain. Each RC pair counts once, as its capacitor.
     parts = ("series", *(f"pair{i}" for i in pairs), "")
     return (
         PortMeasure("v", "V", tuple((1, "across", part) for part in parts)),
@@ -161,7 +161,7 @@ def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
 
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     del edge
-    # A pair with only one of its two fields is kept, so that the missing field raises an error.
+    # Keep a pair with only one of its two fields, so that the missing field raises an error.
     pairs = [i for i in _EVERY if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]
     given = tuple(replace(row, required=True) for row in _fields(pairs))
     own = replace(BATTERY_CELL, fields=given, ports=_ports(pairs), measures=_measures(pairs))

@@ -1,7 +1,7 @@
 """Dry friction with sticking and sliding: in linear guides, clutches and gears.
 
-The mode of an edge (:mod:`cotree.scene.unilateral`) is 0 while it sticks, 1 and -1 while it slides
-forwards and backwards, 2 while it is disengaged.
+The mode of an edge (:mod:`cotree.scene.unilateral`) is 0 while the edge sticks, 1 or -1 while it
+slides forwards or backwards, and 2 while it is disengaged.
 """
 
 from __future__ import annotations
@@ -22,34 +22,35 @@ if TYPE_CHECKING:
 
 
 def _is_positive(given: object) -> bool:
-    """Return whether a field is given as a positive number, which no parameter can change."""
+    """Return whether a field is a positive number, which no parameter can change."""
     return isinstance(given, (int, float)) and not isinstance(given, bool) and given > 0.0
 
 
 @dataclass(frozen=True)
 class _DryFriction:
-    """A component with dry friction: expressions for the sliding force and the force at rest."""
+    """A component with dry friction: laws of the sliding force and of the force at rest."""
 
     domain: str  # domain of the port
     force: Law  # dry friction force while sliding
-    raised: Law  # maximum force at rest, if the field named by ``peak`` is given
+    raised: Law  # maximum force at rest, if the scene gives the field ``peak``
     peak: str  # name of the field with the maximum force at rest
-    #: Factors of the force: friction is disengaged if one is zero. The last may be a speed table.
+    #: Fields that multiply the force; if one is zero, friction is disengaged. The last may be a
+    #: table over speed.
     factors: tuple[str, ...]
     is_one_way: bool = False
-    backward: str = ""  # field with the force of backward sliding, if that may differ
+    backward: str = ""  # field with the force of backward sliding, if this may differ
 
     def port(self, given: Given) -> Terminal:
         """Build the terminal equation from the given fields."""
 
         def pressed(force: Law) -> Any:
-            """Replace a negative force by zero, since a one-way clutch has no disengaged mode."""
+            """Clip the force of a one-way clutch at zero, since the clutch cannot disengage."""
             return force if is_engaged or not self.is_one_way else larger(force, 0)
 
         is_engaged = all(_is_positive(given.get(name)) for name in self.factors)
         across, sliding = argument("across"), pressed(self.force)
         back = argument(self.backward) if self.backward in given else sliding
-        # A scene gives the force at rest, or the force of backward sliding.
+        # A scene gives either the force at rest or the force of backward sliding.
         upper, lower = (pressed(self.raised),) * 2 if self.peak in given else (sliding, back)
         forward, backward = sliding, back
         if "stribeck_speed" in given:
@@ -69,7 +70,7 @@ class _DryFriction:
         return Terminal(self.domain, Kind.FRICTION, friction=friction)
 
     def component(self, name: str, doc: str, fields: tuple[Field, ...]) -> Component:
-        """Build the component type, whose laws adapt to the fields that a scene gives."""
+        """Build the component type; its laws adapt to the fields that a scene gives."""
 
         def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
             rest = dict(given)
@@ -184,7 +185,7 @@ def _gear_with_losses(given: Given) -> Component:
     Let t be the transmitted torque at the input, T the bearing torque, and e and f the
     efficiencies. The tooth loss is (t (1 - e) + T) / e if the input drives, and (1 - f) |t| + f T
     if the output drives (C. Pelchen, C. Schweiger, M. Otter, Modeling and Simulating the Efficiency
-    of Gearboxes, Modelica Conference 2002). In each case its own expression is the larger one.
+    of Gearboxes, Modelica Conference 2002). The expression that applies is always the larger one.
     """
     passed, e = argument("through_input"), argument("efficiency")
     f = argument("back_efficiency") if "back_efficiency" in given else e

@@ -27,19 +27,19 @@ RESISTOR = resistance(
 
 
 def _root(pressure: Any, transition: Any) -> Any:
-    """Return the signed square root of the pressure, and a polynomial below the transition.
+    """Return the signed square root of the pressure, replaced by a polynomial near zero.
 
-    Slope and curvature are continuous, and finite at zero. Beyond the transition ``u`` is 1 or -1,
-    and the polynomial in u^2 is 1.
+    Slope and curvature are continuous, and finite at zero. Beyond the transition, ``u`` is 1 or -1
+    and the polynomial in u^2 is 1, so that the square root remains.
     """
     size = magnitude(pressure)
     size = (size + transition + magnitude(size - transition)) / 2  # smooth maximum of both
-    # At u = 1 the polynomial has the root's value 1, slope 1/2 and second derivative -1/4.
+    # At u = 1, the polynomial matches the root: value 1, slope 1/2, second derivative -1/4.
     u = pressure / size
     return sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
 
 
-# Torricelli: Q = Cd A sqrt(2 dp / rho). The root alone has an infinite slope at dp = 0.
+# Torricelli: Q = Cd A sqrt(2 dp / rho). The exact root has an infinite slope at dp = 0.
 def _orifice(across: Any, area: Any, coefficient: Any, density: Any, transition: Any) -> Any:
     return coefficient * area * sqrt(2 / density) * _root(across, transition)
 
@@ -73,7 +73,7 @@ VALVE = scalar(
         _DENSITY,
         _TRANSITION,
     ),
-    # A closed valve does not conduct, so that the equations are only positive semidefinite.
+    # A closed valve does not conduct: the equations are only positive semidefinite.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve), is_passive=False),
 )
 
@@ -85,7 +85,7 @@ TANK = scalar(
         _DENSITY,
         optional("gravity", "m/s^2", "gravitational acceleration", 9.81, "positive"),
     ),
-    # From p = rho g h and A dh/dt = Q follows Q = A / (rho g) dp/dt.
+    # p = rho g h and A dh/dt = Q lead to Q = A / (rho g) dp/dt.
     Terminal(
         _DOMAIN,
         Kind.ACROSS_STORAGE,
@@ -123,7 +123,7 @@ def _fit_pipe(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Connect half the capacity of an elastic pipe to each end that is not the ground."""
     if "capacity" not in fields:
         return PIPE, nodes, fields
-    # A capacity at the ground would have no effect, and its edge would be a self-loop.
+    # A capacity at the ground would be a self-loop without effect.
     ends = [end for end, node in zip(PIPE.terminals, nodes, strict=False) if node != "ground"]
     halves = (replace(_HALF, port=end, between=(end, "ground")) for end in ends)
     return replace(PIPE, ports=(*PIPE.ports, *halves)), nodes, fields
@@ -153,7 +153,7 @@ PIPE = scalar(
 
 def _pump(across: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
     """Return the flow -q on the curve ``across = pressure - resistance q - quadratic q |q|``."""
-    # This form of the root avoids cancellation and also holds for quadratic = 0.
+    # This form of the root avoids cancellation, and is also valid for quadratic = 0.
     lack = pressure - across
     root = sqrt(resistance**2 + 4 * quadratic * magnitude(lack))
     return -2 * lack / (resistance + root)

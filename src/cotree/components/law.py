@@ -1,4 +1,4 @@
-"""Laws: constitutive equations as graphs of their arguments, whose derivatives are formed once.
+"""Laws: constitutive equations as graphs of their arguments, with derivatives formed once.
 
 Sensitivity terminal equations (paper, Eq. (4)) are partial derivatives of laws times derivatives of
 their arguments; assembled equations are never differentiated.
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 from cotree.dag.nodes import ARGUMENT, Dag, Node, formed_in, reachable, symbols_in
 from cotree.dag.operations import folded
 
-# Derivatives are imported where they are formed, since runs of models in the cache form none.
+# Derivatives are imported where they are formed: runs of cached models need none.
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-#: Function that returns the node, or the number, of an argument.
+#: Function that returns the node, or the number, of an argument by its name.
 _Lookup = Callable[[str], Any]
 
 
@@ -39,7 +39,7 @@ def _at(part: Any, at: _Lookup) -> Any:
 
 @dataclass(frozen=True)
 class Law:
-    """A scalar constitutive law, given by a function; operators combine laws to laws.
+    """A scalar constitutive law, given by a function; operators combine laws into a law.
 
     >>> law = Law(lambda length, stiffness, free_length: -stiffness * (length - free_length))
     >>> law.uses("stiffness"), law.slope("length").arguments
@@ -48,9 +48,9 @@ class Law:
 
     #: Function that takes nodes and returns the law as a node or number.
     function: Callable[..., Any]
-    #: Names of the arguments that replace those in the function's signature.
+    #: Names of the arguments, if they differ from those in the function's signature.
     names: tuple[str, ...] | None = None
-    #: The law in SymPy, if a user registered it.
+    #: The SymPy expression of the law, if a user registered it.
     expression: Any = None
 
     @cached_property
@@ -60,12 +60,12 @@ class Law:
         return tuple(inspect.signature(self.function).parameters) if names is None else names
 
     def form(self, at: _Lookup) -> Any:
-        """Return the value of the law from its arguments."""
+        """Return the value of the law; ``at`` returns the value of each argument."""
         return self.function(*map(at, self.arguments))
 
     @classmethod
     def taking(cls, arguments: tuple[str, ...], function: Callable[..., Any]) -> Law:
-        """Build a law whose argument names replace those in the function's signature."""
+        """Build a law whose arguments have these names instead of those in the signature."""
         return cls(function, arguments)
 
     @classmethod
@@ -73,7 +73,7 @@ class Law:
         """Build a law from a SymPy expression whose symbols are real."""
         from cotree.dag.from_sympy import from_sympy
 
-        # A set of symbols is unordered; sorting the names makes the C text reproducible.
+        # Symbols are an unordered set; sorting their names makes the C text reproducible.
         names = arguments
         if names is None:
             names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
@@ -87,7 +87,7 @@ class Law:
         )
 
     def where(self, **values: Any) -> Law:
-        """Return the law after replacing some arguments by laws or numbers."""
+        """Return the law with some arguments replaced by laws or numbers."""
         return _Formed(
             lambda at: self.form(lambda name: _at(values[name], at) if name in values else at(name))
         )
@@ -97,7 +97,7 @@ class Law:
         return self._of_arguments(self._partials.get(name, self._graph[0].dag.zero))
 
     def _of_arguments(self, root: Node) -> Law:
-        """Return the law of another node in the law's graph."""
+        """Return the law of another node in the graph of this law."""
         symbols = self._graph[1]
         return _Formed(lambda at: _moved(root, {s: at(n) for n, s in symbols.items()}))
 
@@ -130,7 +130,7 @@ class Law:
 
     @property
     def changing(self) -> tuple[str, ...]:
-        """The arguments with a nonzero partial derivative; sign and floor count as constant."""
+        """Arguments with a nonzero partial derivative; sign and floor count as constant."""
         return tuple(self._partials)
 
     @property
@@ -144,7 +144,7 @@ class Law:
         return name in symbols and symbols[name] in reachable([root])
 
     def over(self, name: str) -> Law:
-        """Return the law divided by the argument ``name``, without a pole at zero if possible."""
+        """Return the law divided by the argument ``name``, if possible without a pole at zero."""
         root, symbols = self._graph
         quotient = _quotient(root, symbols[name]) if name in symbols else None
         return self / argument(name) if quotient is None else self._of_arguments(quotient)
@@ -157,7 +157,7 @@ class Law:
         if not changing:
             return self._value(dag, arguments)
         values = {name: value_of(argument) for name, argument in arguments.items()}
-        # All sensitivity directions share the derivatives of a law, which are therefore stored.
+        # Store the derivatives of a law: all sensitivity directions share them.
         key = (self, *values.items())
         if key not in dag.formed:
             dag.formed[key] = self._value(dag, values), self.partial_values(dag, values)
@@ -186,8 +186,8 @@ class Law:
     ) -> dict[str, Node]:
         """Build the nonzero partial derivatives with respect to some or all arguments.
 
-        If the law has a root or a power of a clipped argument, its branch is chosen before
-        differentiation (:mod:`cotree.dag.derivative`).
+        If the law has a root or a power of a clipped argument, the branch of the argument is chosen
+        before differentiation (:mod:`cotree.dag.derivative`).
         """
         from cotree.dag.derivative import tangents
 
@@ -215,7 +215,7 @@ class Law:
 
 
 class _Formed(Law):
-    """A law whose function takes the lookup of arguments, which are those that do not cancel."""
+    """A law whose function looks up its arguments; arguments that cancel are not listed."""
 
     @cached_property
     def arguments(self) -> tuple[str, ...]:
@@ -228,11 +228,11 @@ class _Formed(Law):
 
 
 def argument(name: str) -> Law:
-    """Return the law that is equal to a single argument, such as a field."""
+    """Return the law that equals a single argument, such as a field."""
     return Law(lambda given: given, (name,))
 
 
-#: The law of ports without a through or across variable.
+#: The law of ports whose through or across variable is zero.
 ZERO = Law(lambda: 0.0)
 
 
@@ -246,7 +246,7 @@ def _moved(root: Node, known: Mapping[Node, Any]) -> Any:
 
 
 def _quotient(root: Node, by: Node) -> Node | None:
-    """Divide by a symbol without leaving a pole at zero; return None if no term contains it."""
+    """Divide by a symbol without a pole at zero; return None if no term contains the symbol."""
     dag, args = root.dag, root.args
     if root is by:
         return dag.one

@@ -1,7 +1,7 @@
 """One-dimensional mechanics: across is the velocity of the second node relative to the first.
 
 Stretch is the integral of across. The through variable flows from the second node into the element:
-it is positive for tension in a spring, and negative for a positive force on the second node.
+tension in a spring is positive, and a positive force on the second node is negative.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cotree.errors import SceneError
 
 @dataclass(frozen=True)
 class _Motion:
-    """Words and units for translation or for rotation."""
+    """Names and units for translation or for rotation."""
 
     domain: str
     force: str
@@ -84,7 +84,7 @@ def _linear(m: _Motion) -> Terminal:
     return Terminal(
         m.domain,
         Kind.SPRING,
-        # The third argument is the field, either free_length or free_angle.
+        # The third argument is the field ``free_length`` or ``free_angle``.
         through=Law.taking(
             ("stretch", "stiffness", f"free_{m.length}"), lambda s, k, free: k * (s - free)
         ),
@@ -93,14 +93,14 @@ def _linear(m: _Motion) -> Terminal:
 
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
-    """Return a function that adapts a spring to its stiffness or to an expression of its force."""
-    # The expression may have any slope: the port is not passive.
+    """Return a function that gives a spring its stiffness, or the expression of its force."""
+    # The slope of the expression may have any sign: the port is not passive.
     law = argument(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m, "nonzero"), required=True)
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-        # A linear spring and one given by an expression have different fields and laws.
+        # A linear spring and a spring given by an expression have different fields and laws.
         if m.force not in fields:
             rest = (field for field in spring.fields if field.name not in ("stiffness", m.force))
             return replace(spring, fields=(stiffness, *rest)), nodes, fields
@@ -128,12 +128,12 @@ def _stop_law(
     stretch: Any, across: Any, lower: Any, upper: Any, stiffness: Any, damping: Any, transition: Any
 ) -> Any:
     """Return the force of the stops at both limits, which sets in smoothly over ``transition``."""
-    # (x + sqrt(x^2 + d^2)) / 2 tends to 0 below the limit and to x beyond it, and is d / 2 at it.
+    # (x + sqrt(x^2 + d^2)) / 2 tends to 0 before the limit and to x beyond it; at it, d / 2.
     above, below = stretch - upper, lower - stretch
     reach, depth = (sqrt(x**2 + transition**2) for x in (above, below))
     # Damping is proportional to the derivative of the penetration, which rises from 0 to 1.
     contact = 1 + (above / reach + below / depth) / 2
-    # Tension is positive: beyond the upper limit the stop pulls back, below the lower it pushes.
+    # Tension is positive: the stop pulls back beyond the upper limit, and pushes below the lower.
     return stiffness / 2 * (above + reach - below - depth) + damping * across * contact
 
 
@@ -146,13 +146,13 @@ def _stop(m: _Motion) -> Component:
         optional("damping", m.damping_unit, "damping in contact", 0.0, "nonnegative"),
         optional("transition", m.length_unit, transition, 1e-6, "positive"),
     )
-    # The force depends on stretch: the port is a spring.
+    # The force depends on stretch, as in a spring.
     port = Terminal(m.domain, Kind.SPRING, through=Law(_stop_law), is_passive=False)
     return scalar(m.name("stop"), "elastic stops at both ends of a free travel", fields, port)
 
 
 def _backlash(m: _Motion) -> Component:
-    """Build a backlash with two elastic limits, one of which a scene may omit."""
+    """Build a backlash with two elastic limits, of which a scene may omit one."""
     below = f"{m.length} below which the lower limit is in contact"
     above = f"{m.length} above which the upper limit is in contact"
     damping = "damping in contact; the contact never pulls"
@@ -172,7 +172,7 @@ def _backlash(m: _Motion) -> Component:
             return above - below + larger(-reach, smaller(reach, d * across))
 
         names = ("stretch", "across", "lower", "upper", "stiffness", "damping")
-        # Without the arguments of a limit that is absent.
+        # Omit the arguments of a limit that is absent.
         through = law(*map(argument, names))
         return Terminal(m.domain, Kind.SPRING, through=through, is_passive=False)
 
@@ -193,7 +193,7 @@ _GAP = Demand(Law(lambda lower, upper: upper - lower), "needs an upper limit abo
 
 def _friction(m: _Motion) -> Component:
     def law(across: Any, force: Any, damping: Any, transition: Any) -> Any:
-        # The law is smooth, without events: a loaded contact creeps instead of sticking.
+        # The law is smooth and has no events: a loaded contact creeps instead of sticking.
         return force * tanh(across / transition) + damping * across
 
     transition = "speed below which dry friction is smoothed"
@@ -219,7 +219,7 @@ def _speed_source(m: _Motion, name: str) -> Component:
     doc = "joint of a mechanism to drive, instead of nodes"
     place = Field("joint", "", doc, Shape.EXPRESSION, required=True)
     fields = (place, replace(field, constant=True, timed=True))
-    # On a joint, the source is a constraint on the joint velocity, whose multiplier is the effort.
+    # On a joint, the source constrains the joint velocity, and the multiplier is its effort.
     held = Component(
         made.name, Role.CONSTRAINT, made.doc, fields=fields, domains=(), keeps_plane=Plane()
     )
@@ -230,7 +230,7 @@ def _speed_source(m: _Motion, name: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: Velocity sources, constraints if they act on joints: whether they rotate, and their field.
+#: Velocity sources, which are constraints on joints: whether they rotate, and their field.
 VELOCITY_SOURCES = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")}
 
 
@@ -239,7 +239,7 @@ MASS = storage(
     "translational_mass",
     "mass in translation along a line",
     value("mass", "kg", "mass of the body"),
-    # Inertial forces depend on absolute velocity, so that one node of a mass must be the ground.
+    # Inertial forces depend on absolute velocity, so one node of a mass must be the ground.
     is_absolute=True,
 )
 
@@ -251,7 +251,7 @@ INERTIA = storage(
     is_absolute=True,
 )
 
-# Torque and stretch determine the relative speed of the damper: the shaft is a dissipator.
+# Torque and stretch determine the relative speed across the damper, as in a dissipator.
 SHAFT = scalar(
     "shaft",
     "elastic shaft with damping",
@@ -319,7 +319,7 @@ _SET = ideal_coupling(
     reverses=True,
 )
 
-# In the carrier's frame, the planets are a gear that reverses sun and ring.
+# In the frame of the carrier, the planets are a gear that reverses sun and ring.
 PLANETARY_GEAR = replace(
     _SET,
     terminals=("sun", "carrier", "ring"),
@@ -341,7 +341,7 @@ COMPONENTS = (
 )
 
 
-#: Rotational components with their translational counterparts.
+#: Rotational components, by the names of their translational counterparts.
 _ALIKE = ("spring", "damper", "stop", "rigid_stop", "friction", "dry_friction", "lugre", "backlash")
 _PAIRS = {
     **{f"rotational_{name}": f"translational_{name}" for name in _ALIKE},
@@ -354,7 +354,7 @@ _PAIRS = {
 }
 _COUNTERPARTS = {**_PAIRS, **{along: about for about, along in _PAIRS.items()}}
 
-#: Components of one-dimensional graphs between two nodes, which may also act on a joint.
+#: Components of one-dimensional graphs between two nodes that may also act on a joint.
 ON_JOINTS = {
     "spring": ("translational_spring", "rotational_spring"),
     "damper": ("translational_damper", "rotational_damper"),
@@ -366,5 +366,5 @@ ON_JOINTS = {
 
 
 def counterpart_of(type: str) -> str:
-    """Return the rotational type of a translational one, and vice versa; empty if there is none."""
+    """Return the rotational type of a translational one, or vice versa; empty if none exists."""
     return _COUNTERPARTS.get(type, "")

@@ -19,20 +19,20 @@ from cotree.components.component import (
 )
 from cotree.components.law import Law
 
-#: The two in-plane axes for each normal, in cyclic order after it.
+#: For each normal, the two axes in the plane, in cyclic order after the normal.
 PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
 
 
 def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionStep, ...]:
     """Return the motion space of a free body, with translations before the rotation.
 
-    ``plane`` is the normal of its plane of motion, ``line`` the direction of its line, or "".
+    ``plane`` is the normal of the plane of motion; ``line`` is the direction of motion, or "".
     """
-    # States have the same order as these translations and rotations.
+    # The order of the states is that of these translations and rotations.
     if line:
         return (Freedom(line, "m", rotates=False, axis=line),)
     if plane:
-        # In every plane the coordinates are called x and y. Their axes depend on the normal.
+        # In every plane, the coordinates are called x and y; their axes depend on the normal.
         sliding = tuple(
             Freedom(name, "m", rotates=False, axis=axis)
             for name, axis in zip("xy", PLANE_AXES[plane], strict=True)
@@ -67,7 +67,7 @@ _ROTATION = Field(
     Shape.ROTATION,
 )
 
-# An arm has no coordinate. It keeps a plane only if its vector is in the plane.
+# An arm has no coordinate. It keeps its nodes in a plane only if its vector is in the plane.
 ARM = Component(
     "arm",
     Role.ARM,
@@ -95,7 +95,7 @@ def _along(coordinate: Any, rate: Any, stiffness: Any, free: Any, damping: Any, 
     return -stiffness * (coordinate - free) - damping * rate + drive
 
 
-# Argument names of the law for an angle and for a length.
+# Argument names of the law, for an angle and for a length.
 _TURNING = ("theta", "theta_dot", "stiffness", "free_angle", "damping", "torque")
 _SLIDING = ("s", "s_dot", "stiffness", "free_length", "damping", "force")
 
@@ -160,7 +160,7 @@ CYLINDRICAL = Component(
     ),
 )
 
-# Each axis is fixed in the frame moved by previous freedoms; two rotations keep no plane.
+# Each axis is fixed in the frame that results from previous freedoms. Two rotations keep no plane.
 UNIVERSAL = Component(
     "universal",
     Role.JOINT,
@@ -192,7 +192,7 @@ PLANAR = Component(
     keeps_plane=Plane(along=("normal",)),
 )
 
-# A free joint has an empty reaction space. It only defines coordinates.
+# A free joint has an empty reaction space: it only defines coordinates.
 FREE = Component(
     "free",
     Role.JOINT,
@@ -200,7 +200,7 @@ FREE = Component(
     motion_space=body_space("", is_particle=False),
 )
 
-# A screw has one freedom: pitch relates translation to rotation, and reactions do no work.
+# A screw has one freedom: the pitch couples translation and rotation. Reactions do no work.
 SCREW = Component(
     "screw",
     Role.JOINT,
@@ -248,7 +248,7 @@ SLOT = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
-# Nonholonomic: restricts a velocity but no position, since a turning blade reaches all points.
+# Nonholonomic: velocity is restricted but position is not, since the blade can turn.
 KNIFE_EDGE = Component(
     "knife_edge",
     Role.CONSTRAINT,
@@ -257,7 +257,7 @@ KNIFE_EDGE = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
-# One equation for the height of the disc's centre, two for the slip velocity in the plane.
+# One equation for the height of the disc's centre, two for the slip in the plane.
 ROLLING_DISC = Component(
     "rolling_disc",
     Role.CONSTRAINT,
@@ -293,7 +293,7 @@ def _coordinate(name: str, doc: str) -> Field:
     return Field(name, "rad or m", doc, Shape.EXPRESSION, required=True)
 
 
-# Gears and expressions couple coordinates directly. They have no edge in any graph and no domains.
+# Gears and expressions couple coordinates directly: they have no edges and no domains.
 GEAR = Component(
     "gear",
     Role.CONSTRAINT,
@@ -337,7 +337,7 @@ AXIS = Field(
 )
 
 
-# The law is the force on the second node, negative for tension.
+# The force acts on the second node and is negative for tension.
 def _spring(length: Any, rate: Any, stiffness: Any, free_length: Any, damping: Any) -> Any:
     return -stiffness * (length - free_length) - damping * rate
 
@@ -346,7 +346,7 @@ def _damper(rate: Any, damping: Any) -> Any:
     return -damping * rate
 
 
-# Without an axis the force acts along the line between the nodes, which keeps every plane.
+# Without an axis, the force acts along the line between the nodes, which keeps every plane.
 SPRING = Component(
     "spring",
     Role.LINE,
@@ -392,7 +392,7 @@ TORQUE = Component(
     keeps_plane=Plane(along=("torque",)),
 )
 
-# The type has no law, because each edge has its own expression.
+# The type has no law, because each edge states its own expression.
 LINE_FORCE = Component(
     "line_force",
     Role.LAW,
@@ -412,7 +412,7 @@ LINE_FORCE = Component(
 )
 
 
-# A bushing has no scalar law: a law is formed for each of its six directions during formulation.
+# A bushing has no scalar law; the formulation forms laws for its six directions.
 BUSHING = Component(
     "bushing",
     Role.BUSHING,

@@ -18,7 +18,7 @@ def scalar(
     name: str, doc: str, fields: tuple[Field, ...], *ports: Terminal, **options: Any
 ) -> Component:
     """Build a scalar component; ``options`` are further attributes of :class:`Component`."""
-    # Domains are in the order of the ports. A set would make the order of edges vary between runs.
+    # Domains are in the order of the ports: the order of a set would vary between runs.
     domains = tuple(dict.fromkeys(port.domain for port in ports))
     return Component(name, Role.NETWORK, doc, fields, domains, ports=ports, **options)
 
@@ -33,7 +33,7 @@ def through_source(
     domain: str, name: str, doc: str, field: Field, acts_on_head: bool = False
 ) -> Component:
     """Build a source of a flow from head to tail, or from tail to head if ``acts_on_head``."""
-    # Through flows from head to tail inside; a load on the head is its negative.
+    # Inside, through flows from head to tail; a load on the head is the negative.
     sign = -1 if acts_on_head else 1
     law = Law.taking((field.name,), lambda given: sign * given)
     return scalar(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
@@ -49,7 +49,7 @@ def storage(
 ) -> Component:
     """Build a linear storage: through = field * d(across)/dt, or across = field * d(through)/dt.
 
-    If ``is_absolute``, its tail must be the ground, as for inertias.
+    If ``is_absolute``, the tail of the storage must be the ground, as for inertias.
     """
     terminal = Terminal(domain, kind, storage=argument(field.name), is_absolute=is_absolute)
     return scalar(name, doc, (field,), terminal)
@@ -71,12 +71,12 @@ def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
 def resistive(
     domain: str, field: str, port: str = "", between: tuple[str, str] = ("", "")
 ) -> Terminal:
-    """Build the equation across = field * through of a port between two terminals, or its nodes."""
+    """Build a port with across = field * through, between two terminals or between its nodes."""
     return Terminal(
         domain,
         Kind.DISSIPATOR,
         port,
-        # A branch uses the law for across, a chord the law for through.
+        # A branch uses the law for across, a chord uses the law for through.
         across=Law.taking(("through", field), lambda through, given: given * through),
         through=Law.taking(("across", field), lambda across, given: across / given),
         between=between,
@@ -115,13 +115,13 @@ def ideal_gyration(
     Each port is (domain, name); the inverse relation has the opposite sign.
     """
     laws = (
-        # The laws f1 = k v2 and f2 = -k v1, each solved for both variables.
+        # f1 = k v2 and f2 = -k v1, each solved for both variables.
         (f"through_{second[1]}", lambda f, k: -f / k),
         (f"across_{second[1]}", lambda v, k: k * v),
         (f"through_{first[1]}", lambda f, k: f / k),
         (f"across_{first[1]}", lambda v, k: -k * v),
     )
-    # Equations between across and through variables are not symmetric.
+    # Equations that relate across to through variables are not symmetric.
     return _coupled(name, doc, field, (first, second), laws, is_passive=False)
 
 
@@ -133,8 +133,8 @@ def _coupled(
     laws: Sequence[tuple[str, Callable[..., Any]]],
     is_passive: bool,
 ) -> Component:
-    """Build a component of two ports whose laws are functions of the other port's variables."""
-    # Each port has two laws; the tree determines which one is used.
+    """Build a component of two ports; the law of each depends on the other port's variables."""
+    # Each port has two laws, of which the tree selects one.
     made = [Law.taking((argument, field.name), law) for argument, law in laws]
     terminals = (
         Terminal(
@@ -155,18 +155,18 @@ HEAT = "heat"
 
 
 def loss_of(component: Component) -> Law | None:
-    """Return the heat that a component produces, [W]: its loss, or all power of a dissipator."""
+    """Return the heat that a component produces, [W]: its loss, or a dissipator's power."""
     if component.loss is not None:
         return component.loss
     if len(component.ports) == 1 and component.ports[0].kind is Kind.DISSIPATOR:
-        # A single port has an empty name: its variables are ``across_`` and ``through_`` here.
+        # A single port has an empty name: its variables are called ``across_`` and ``through_``.
         return Law(lambda across_, through_: across_ * through_)
     return None
 
 
 @lru_cache(maxsize=256)
 def with_heat(component: Component) -> Component:
-    """Add a thermal port through which a component's heat flows out: its flow is minus the loss."""
+    """Add a thermal port from which a component's heat flows: its flow is minus the loss."""
     loss = loss_of(component)
     assert loss is not None  # callers pass only components with a loss
     port = Terminal("thermal", Kind.THROUGH_SOURCE, HEAT, through=-loss)

@@ -1,7 +1,7 @@
 """User-defined components with laws in SymPy, whose arguments determine the kinds of ports.
 
-A law of the rate of a variable is a storage, one of ``stretch`` a spring, one of the port's other
-variable a dissipator; all others are sources, or storages if the law gives their content.
+A port whose law has the argument ``stretch`` is a spring. With the rate of a variable the port is a
+storage, with its other variable a dissipator. All others are sources, or storages given by content.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cotree.domains import domain as domain_of
 from cotree.errors import SceneError, brief, nearest
 from cotree.naming import check_name
 
-#: Arguments of force laws that are variables instead of fields, by the direction of the force.
+#: Arguments of force laws that are variables, not fields, by the direction of the force.
 _GIVEN = {Acts.LINE: ("length", "rate", "t"), Acts.VELOCITY: ("speed", "t")}
 
 
@@ -62,7 +62,7 @@ def make_component(
             f"component '{name}' acts along {along!r}: give 'line' or 'velocity'"
         ) from None
     made = checked_law(law, f"the law of component '{name}'")
-    # All arguments that are not variables of the force element become fields of the new type.
+    # Arguments that are not variables of the force element become fields of the new type.
     rows = law_fields((name for name in made.arguments if name not in _GIVEN[acts]), units or {})
     if acts is Acts.LINE:
         # Without an axis, the force acts along the line between the nodes.
@@ -82,7 +82,7 @@ def make_component(
 def law_fields(names: Iterable[str], units: Mapping[str, str]) -> tuple[Field, ...]:
     """Build the fields of a user-defined law from argument names and units."""
     return tuple(
-        # An argument that several laws share is one field. Signs are not checked.
+        # An argument that several laws share is a single field; its sign is not checked.
         value(check_name("field", name), units.get(name, ""), "", sign="")
         for name in dict.fromkeys(names)
     )
@@ -106,7 +106,7 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
     free = {str(symbol) for symbol in expression.free_symbols}
     if odd := sorted(free - set(names)):
         raise SceneError(f"{what} uses {', '.join(odd)}, which is not one of its arguments")
-    # The law and its derivatives are formed here, so that all operations are checked.
+    # Form the law and its derivatives here, to check all of their operations.
     try:
         law = Law.of(expression, names)
     except (ValueError, TypeError, ArithmeticError) as error:
@@ -119,13 +119,13 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
 
 
 def _predicate(error: Exception) -> str:
-    """Convert an exception to the predicate of a message about a law."""
+    """Return the predicate of an error message on a law, from an exception."""
     message = str(error)
     is_predicate = message.startswith("the law ")
     return message.removeprefix("the law ") if is_predicate else f"has no value: {message}"
 
 
-#: Arguments of laws that are neither port variables nor fields.
+#: Arguments of laws that are neither port variables of across and through, nor fields.
 _NEITHER = frozenset({"t", "stretch", "potential_head", "potential_tail"})
 _VARIABLES = ("across_rate", "through_rate", "across", "through")
 
@@ -187,7 +187,7 @@ def make_network_component(
     check_name("component", name)
     domain_of(domain)
     named = dict(laws) if isinstance(laws, Mapping) else {"": laws}
-    # Only a single port may have no name.
+    # Only a single port may have an empty name.
     for port in named:
         if port or len(named) > 1:
             check_name("port", port)
@@ -214,7 +214,7 @@ def make_network_component(
 def _places(
     name: str, ports: Iterable[str], terminals: Sequence[str], between: Mapping[str, Sequence[str]]
 ) -> dict[str, tuple[str, str]]:
-    """Return the two nodes of each port, and check that they are terminals or the ground."""
+    """Return the two nodes of each port; they must be terminals or the ground."""
     if not terminals:
         return {}
     places = {}
@@ -233,7 +233,7 @@ def _places(
 
 
 def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
-    """Return the specified variable that each port's law returns, and check it."""
+    """Return the variable that each port's law returns; raise SceneError if it is not allowed."""
     given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
     for port, what in given.items():
         if port not in ports:
@@ -256,8 +256,8 @@ def _is_variable(argument: str, ports: Iterable[str]) -> bool:
 def _terminal(
     name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
 ) -> Terminal:
-    # A law of the through variable depends on across, its rate or its integral, and vice versa.
-    # Arguments that cancel in the expression are ignored.
+    # A law of the through variable depends on across, its rate or its integral; a law of across on
+    # through or its rate. Arguments that cancel in the expression are ignored.
     own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]
     dual = [v for v in ("through", "through_rate") if law.uses(v)]
     if own and dual:
@@ -275,7 +275,7 @@ def _terminal(
     rate = "across_rate" if is_through else "through_rate"
     storage = None
     if law.uses(rate):
-        # The rate comes first, since storages may also depend on across, as leaky capacitors do.
+        # The rate decides first: a storage may also depend on across, as a leaky capacitor does.
         kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
         storage, law = _linear(name, law, rate)
     elif law.uses("stretch"):
@@ -291,7 +291,7 @@ def _terminal(
         across=None if is_through else law,
         through=law if is_through else None,
         storage=storage,
-        # Slopes of user-defined laws are unknown: equations may be neither symmetric nor definite.
+        # Slopes of user-defined laws may have any sign: equations may be unsymmetric or indefinite.
         is_passive=False,
         between=between,
     )
@@ -301,7 +301,7 @@ def _content(
     name: str, domain: str, port: str, law: Law, ports: Iterable[str], between: tuple[str, str]
 ) -> Terminal:
     used = [v for v in law.arguments if v in _NEITHER - {"t"} or _is_variable(v, ports)]
-    # For ``stretch`` and potentials the set contains words other than across and through.
+    # The set also contains the words ``stretch`` and ``potential``.
     of = {v.partition("_")[0] for v in used}
     if any("_rate" in v for v in used) or of not in ({"across"}, {"through"}):
         raise SceneError(
@@ -309,7 +309,7 @@ def _content(
             "through, of its port, and of the same variable of other ports, but of no rate, "
             "stretch or potential"
         )
-    # A domain that has no name for a content has no storage with that content.
+    # If the domain has no name for a content, no storage with this content exists.
     row, is_across = DOMAINS[domain], of == {"across"}
     if not (row.content if is_across else row.impulse)[0]:
         also = ": give through as a function of stretch" if row.stretch else ""
@@ -322,11 +322,11 @@ def _content(
 
 
 def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:
-    """Split a law that is linear in a rate into the factor of the rate and the rest."""
+    """Split a law that is linear in a rate into the factor of the rate and the remainder."""
     import sympy
 
     symbol = sympy.Symbol(rate, real=True)
-    # The factor may depend on any argument except the rate.
+    # The factor may depend on all arguments except the rate.
     factor = sympy.diff(law.expression, symbol)
     if symbol in factor.free_symbols:
         raise SceneError(

@@ -10,35 +10,35 @@ from cotree.domains import DOMAINS
 
 
 class Kind(Enum):
-    """Kind of an edge; edges with lower values become branches of the normal tree first.
+    """Kind of an edge; the normal tree prefers edges with lower values as branches.
 
-    A nullator makes both of its variables zero, a norator neither. f-circuits use the nullator as a
-    branch and the norator as a chord, f-cutsets vice versa.
+    A nullator makes both of its variables zero; a norator restricts none. f-circuits use the
+    nullator as a branch and the norator as a chord, and f-cutsets vice versa.
     """
 
     ACROSS_SOURCE = 0  # prescribes an across variable; always a branch
     ACROSS_STORAGE = 1  # capacitors, tanks, masses: through = capacity * rate of across
     COUPLED = 2  # a port of a transformer or gyrator
-    DISSIPATOR = 3  # resistors: algebraic relation of through and across
+    DISSIPATOR = 3  # resistors: an algebraic relation of through and across
     THROUGH_STORAGE = 4  # inductors: across = inertance * rate of through
     SPRING = 5  # through depends on the integral of across; a branch only among springs
     THROUGH_SOURCE = 6  # prescribes a through variable; always a chord
     NULLATOR = 7
     NORATOR = 8
     FRICTION = 9  # dry friction, which sticks or slides; always a chord
-    STOP = 10  # rigid stop, whose through variable is zero if it is open; always a chord
+    STOP = 10  # rigid stop, whose through variable is zero while it is open; always a chord
 
     @property
     def may_hold(self) -> bool:
-        """Return whether a mode may keep the edge's across variable zero."""
+        """Return whether a mode of the edge may keep its across variable zero."""
         return self in (Kind.FRICTION, Kind.STOP)
 
 
 @dataclass(frozen=True)
 class Integral:
-    """A state defined at a port, which terminal equations, fields and outputs may use."""
+    """A state that a port defines; terminal equations, fields and outputs may use it."""
 
-    #: The name of the state is ``edge.name``.
+    #: In a scene, the state is called ``edge.name``.
     name: str
     unit: str
     rate: Law  # law of the state's rate
@@ -48,17 +48,17 @@ class Integral:
 class PortMeasure:
     """A named sum of port variables of a component, for use in outputs and fields."""
 
-    #: The name of the variable is ``edge.name``.
+    #: In a scene, the variable is called ``edge.name``.
     name: str
     unit: str
-    terms: tuple[tuple[int, str, str], ...]  # sign, ``across`` or ``through``, and port
+    terms: tuple[tuple[int, str, str], ...]  # sign, then ``across`` or ``through``, then port
 
 
 @dataclass(frozen=True)
 class Touch:
-    """Contact point and direction of a port of a contact."""
+    """Contact point and direction to which a port of a contact belongs."""
 
-    spot: int  # index of the contact point, from 0 on
+    spot: int  # index of the contact point, counted from 0
     #: What the port measures: ``gap``; ``slip1`` or ``slip2``, the slip along one of two
     #: perpendicular directions; ``part1`` to ``part3``, the slip on a ball along the tangential
     #: part of a coordinate axis; ``spin1`` to ``spin3``, the rotation about an axis of the first
@@ -74,35 +74,35 @@ class Friction:
     limits. Laws have the same arguments as those of a :class:`Terminal`.
     """
 
-    #: Laws of the through variable for positive across and for negative across.
+    #: Laws of the through variable for positive and for negative across.
     forward: Law
     backward: Law
-    #: Limits of through while the edge sticks. It starts to slide forwards if through exceeds the
-    #: upper limit, and backwards below the lower one. None if it never slides in that direction.
+    #: Limits of through while the edge sticks. Above the upper limit, it starts to slide forwards;
+    #: below the lower limit, backwards. None if it never slides in that direction.
     upper: Law
     lower: Law | None
-    #: Law that is positive while friction is engaged; otherwise through is zero. None: always.
+    #: Law that is positive while friction is engaged; else through is zero. None if always engaged.
     grip: Law | None = None
-    #: Law whose sign is the argument ``side`` of the sliding laws, continuous where it is zero.
+    #: Law whose sign is the argument ``side`` of the sliding laws, which are continuous at zero.
     load: Law | None = None
-    #: Port of the same component whose rigid stop provides the normal force; empty if there is
-    #: none. Friction is disengaged while the stop is open, and also acts in impacts at the stop.
+    #: Port of the same component whose rigid stop provides the normal force; empty without one.
+    #: Friction is disengaged while the stop is open, and also acts in impacts at the stop.
     presser: str = ""
-    suffix: str = ""  # suffix of its mode fields
-    #: For the second friction direction on a plane, the port of the first direction, which has the
-    #: common mode. The magnitude of the resulting force is limited.
+    suffix: str = ""  # suffix of the names of its mode fields
+    #: For the second friction direction on a plane: the port of the first direction. Both have one
+    #: mode, and the magnitude of the resultant force is limited.
     leader: str = ""
-    #: For the first friction direction on a plane, the port of the second direction.
+    #: For the first friction direction on a plane: the port of the second direction.
     follower: str = ""
 
     @property
     def is_disc(self) -> bool:
-        """Return whether the resultant of this force and that of a second direction is limited."""
+        """Return whether the limit applies to the resultant of the forces in two directions."""
         return bool(self.leader or self.follower)
 
     @property
     def mode(self) -> str:
-        """The name of the field with its mode."""
+        """Name of the field with the mode."""
         return f"mode_{self.leader}" if self.leader else f"mode{self.suffix}"
 
 
@@ -110,16 +110,16 @@ class Friction:
 class Stop:
     """Laws of a rigid stop: an edge whose stretch never exceeds a limit.
 
-    Between the limits, through is zero. At a limit, through keeps the rate of across zero, as long
-    as it does not pull. Laws have the same arguments as those of a :class:`Terminal`.
+    Between the limits, through is zero. At a limit, through keeps the rate of across zero as long
+    as the stop need not pull. Laws have the same arguments as those of a :class:`Terminal`.
     """
 
     #: Laws of the gap at each limit; None if the limit is absent.
     upper_gap: Law | None
     lower_gap: Law | None
     rebound: Law  # change of across in an impact
-    excess: Law  # rebound speed minus that below which the stop stays closed
-    suffix: str = ""  # suffix of its mode fields
+    excess: Law  # rebound speed minus the speed below which the stop stays closed
+    suffix: str = ""  # suffix of the names of its mode fields
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class Terminal:
     """The terminal equation of one port.
 
     Laws are functions of ``across`` and ``through`` of the port itself, ``across_<port>`` and
-    ``through_<port>`` of the component's other ports (by name, or by number from 0 on),
+    ``through_<port>`` of the component's other ports (by name, or by number counted from 0),
     ``potential_head`` and ``potential_tail`` of its nodes, ``stretch`` for its integral, ``t``, and
     the fields of the component.
     Through variables flow from the head to the tail inside the element, so that across times
@@ -137,24 +137,24 @@ class Terminal:
     domain: str  # domain of the graph that contains the port's edge
     kind: Kind  # kind of the port in the normal tree
     port: str = ""  # name of the port; empty if the component has only one port
-    #: Explicit law of across; for through storages, the term added to ``inertance * rate``.
+    #: Explicit law of across; for a through storage, the term added to ``inertance * rate``.
     across: Law | None = None
-    #: Explicit law of through; for across storages, the term added to ``capacity * rate``.
+    #: Explicit law of through; for an across storage, the term added to ``capacity * rate``.
     through: Law | None = None
     #: Capacity or inertance of a storage; stiffness of a spring that is linear in ``stretch``.
     storage: Law | None = None
-    #: For a storage given by its content, the content as a function of the port's state variable,
-    #: of those of sibling ports and of fields. Examples are charge as a function of voltage, flux
-    #: linkage of current, volume of pressure. The other variable is the rate of the content plus
-    #: the law ``through`` or ``across``. ``storage`` is then None.
+    #: For a storage given by its content (charge as a function of voltage, flux linkage of current,
+    #: volume of pressure): the content as a function of the port's state variable, of those of
+    #: sibling ports, and of fields. The other variable is the rate of the content plus the law
+    #: ``through`` or ``across``. ``storage`` is then None.
     content: Law | None = None
-    #: Whether the linear equations of the terminal are symmetric and positive definite.
+    #: Whether the linear equations of the component are symmetric and positive definite.
     is_passive: bool = True
     #: Terminals or inner nodes at head and tail if ports share nodes; ``ground`` is the reference.
     between: tuple[str, str] = ("", "")
-    #: The state called ``stretch``, by default the integral of across if the domain names it.
+    #: The state called ``stretch``; by default the integral of across, if its domain names this.
     integral: Integral | None = None
-    #: Whether the tail must be the ground, the reference of motion and concentrations.
+    #: Whether the tail must be the ground, which is the reference of motion and concentrations.
     is_absolute: bool = False
     #: Laws of dry friction; the field ``mode`` of :mod:`cotree.scene.unilateral` selects one.
     friction: Friction | None = None
@@ -167,18 +167,18 @@ _ACROSS = argument("across")
 
 
 def integral_of(terminal: Terminal) -> Integral | None:
-    """Return the state ``stretch`` of a port; None if its domain has no name for it."""
+    """Return the state ``stretch`` of a port; None if its domain has no name for this integral."""
     row = DOMAINS[terminal.domain]
     if terminal.touch is not None and terminal.touch.quantity != "gap":
-        return None  # positions do not determine slip distances
-    # A component's own integral, such as a state of charge, takes precedence over the domain's.
+        return None  # slip distances do not follow from positions
+    # An integral of the component, such as a state of charge, replaces that of the domain.
     if terminal.integral is not None or not row.stretch:
         return terminal.integral
     return Integral(row.stretch, row.stretch_unit, _ACROSS)
 
 
 def content_of(terminal: Terminal) -> tuple[str, str] | None:
-    """Return symbol and unit of the content of a storage given by its content, else None."""
+    """Return symbol and unit of a storage's content; None if no content defines the storage."""
     if terminal.content is None:
         return None
     row = DOMAINS[terminal.domain]

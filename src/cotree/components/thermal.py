@@ -46,7 +46,7 @@ CONVECTION = scalar(
 
 
 def _radiation(potential_head: Any, potential_tail: Any, area: Any, emissivity: Any) -> Any:
-    # Stefan-Boltzmann law. It depends on both absolute temperatures, not only on their difference.
+    # Stefan-Boltzmann law: both absolute temperatures matter, not only their difference.
     fall = potential_head**4 - potential_tail**4
     return STEFAN_BOLTZMANN * area * emissivity * fall
 
@@ -58,7 +58,7 @@ RADIATION = scalar(
         value("area", "m^2", "area of the surface times its view factor"),
         optional("emissivity", "1", "effective emissivity of the two surfaces", 1.0, "positive"),
     ),
-    # The derivatives with respect to the two temperatures differ in magnitude.
+    # Not passive: the derivatives with respect to the two temperatures differ in magnitude.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation), is_passive=False),
 )
 

@@ -1,4 +1,4 @@
-"""Transducers: components with ports in several graphs, which they couple.
+"""Transducers: components that couple several graphs, with a port in each.
 
 A mechanical port may also act on a multibody system: on a joint, or along a line.
 """
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from cotree.components.component import Adapted, Component, Field, Given, Nodes
 
 
-# Copper loss; the electromechanical conversion is lossless.
+# Only the winding has losses; electromechanical conversion is lossless.
 _LOSS = Law(lambda through_electrical, resistance: resistance * through_electrical**2)
 
 
 def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Component:
-    """Build a lossless machine with v = R i + L di/dt + K w and a torque or force of K i."""
+    """Build a lossless machine with v = R i + L di/dt + K w and a torque or force K i."""
     moving = f"across_{port}"
     voltage = Law.taking(
         ("through", "resistance", "constant", moving), lambda i, r, k, w: r * i + k * w
@@ -30,7 +30,7 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
     current = Law.taking(
         ("across", "resistance", "constant", moving), lambda v, r, k, w: (v - k * w) / r
     )
-    # Coupling with the moving part makes the winding's equations unsymmetric: it is not passive.
+    # The coupling with the moving part makes the equations unsymmetric: the port is not passive.
     resistive = Terminal(
         "electrical",
         Kind.DISSIPATOR,
@@ -52,7 +52,7 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
     made = scalar(name, doc, fields, winding, output, loss=_LOSS)
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
-        """Replace the winding by a resistance if no inductance is given."""
+        """Replace the winding by a resistance if the scene gives no inductance."""
         if "inductance" in given:
             return made, nodes, given
         return replace(made, ports=(resistive, output)), nodes, given
@@ -93,7 +93,7 @@ HYDRAULIC_MACHINE = ideal_gyration(
 )
 
 
-# The reluctances of iron and air gap add, and that of the air gap is proportional to its length.
+# The reluctances of iron and air gap add up; that of the air gap is proportional to its length.
 def _inductance(stretch: Any, inductance: Any, gap: Any, leakage: Any) -> Any:
     return leakage + inductance / (1 + stretch / gap)
 
@@ -110,7 +110,7 @@ def _solenoid_voltage(
     inductance: Any,
     gap: Any,
 ) -> Any:
-    # v = R i + d(L(s) i)/dt: the storage provides L di/dt, this law R i + L'(s) s_dot i.
+    # v = R i + d(L(s) i)/dt. The storage provides L di/dt, this law R i + L'(s) s_dot i.
     induced = _slope(stretch_plunger, inductance, gap) * across_plunger
     return resistance * through + induced * through
 

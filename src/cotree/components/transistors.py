@@ -1,13 +1,14 @@
 """Bipolar transistors (Gummel-Poon model) and field-effect transistors.
 
-With gains only, the model is that of Ebers and Moll. Currents of the junctions, with
-f = I (exp(vbe / (nf V)) - 1) and r the same for vbc, and the base charge qb = q1/2 (1 + sqrt(1 + 4
-q2)), q1 = 1 / (1 - vbc/Vf - vbe/Vr), q2 = f/If + r/Ir:
+If the scene gives only gains, the model is that of Ebers and Moll. Terms of the junctions are
+f = I (exp(vbe / (nf V)) - 1) and r, the same for vbc. The base charge is
+qb = q1/2 (1 + sqrt(1 + 4 q2)) with q1 = 1 / (1 - vbc/Vf - vbe/Vr) and q2 = f/If + r/Ir.
+The currents are
 
     collector to emitter (f - r) / qb, base to emitter f / bf, base to collector r / br,
 
-and recombination, leakage, charges and resistances. See H. K. Gummel and H. C. Poon, An integral
-charge control model of bipolar transistors, Bell System Technical Journal 49 (1970).
+to which recombination, leakage, charges and resistances are added. See H. K. Gummel and H. C. Poon,
+An integral charge control model of bipolar transistors, Bell System Technical Journal 49 (1970).
 """
 
 from __future__ import annotations
@@ -100,17 +101,17 @@ BASE_CHARGE = {
     "forward_knee_current",
     "reverse_knee_current",
 }
-#: Node names, without the substrate.
+#: Names of the nodes, without the substrate.
 TERMINALS: tuple[str, ...] = ("collector", "base", "emitter")
 _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 
 
-# Cached, since many transistors share these laws.
+# Cached, since many transistors have the same laws.
 @lru_cache(maxsize=256)
 def _transistor(
     name: str, doc: str, sign: int, has: frozenset[str], has_substrate: bool
 ) -> Component:
-    # A resistance at a terminal leads to an inner node, to which the junctions connect.
+    # A resistance at a terminal leads to an inner node, to which the junctions are connected.
     inner = {
         row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
         for row in _RESISTANCES
@@ -143,7 +144,7 @@ def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure,
 
     # ``drop`` is the voltage from a terminal to its inner node; the emitter has the opposite sign.
     be, bc = (1, "across", "be"), (1, "across", "bc")
-    # The substrate current flows to the collector in npn transistors, and to the base in pnp ones.
+    # Substrate current flows into the collector of npn and into the base of pnp transistors.
     own: dict[int, tuple[tuple[int, str, str], ...]] = {substrate: ((-1, "through", "substrate"),)}
     own[0] = ()
     return (
@@ -175,25 +176,25 @@ class _Laws:
         def share(of: Any, name: str) -> Any:
             return of / argument(name) if name in self.has else 0
 
-        # Base-width modulation (Early effect), linear in both voltages.
+        # Base-width modulation (Early effect) is linear in both voltages.
         q1 = 1 / (
             1
             - share(self.voltage["bc"], "forward_early_voltage")
             - share(self.voltage["be"], "reverse_early_voltage")
         )
-        # Without knee currents the root is one, so that qb is q1.
+        # Without knee currents the root is one, so qb equals q1.
         if not self.has & {"forward_knee_current", "reverse_knee_current"}:
             return q1
         # High-level injection: gains fall beyond the knee currents.
         q2 = share(self.forward, "forward_knee_current")
         q2 += share(self.reverse, "reverse_knee_current")
-        # The sum can be negative only during a root search.
+        # The sum can become negative only during a root search.
         return q1 / 2 * (1 + sqrt(larger(1 + 4 * q2, 1e-6)))
 
     def _current(self, own: str) -> Any:
-        # Transport current from collector to emitter, without recombination in the base.
+        # Transport current from collector to emitter; recombination in the base is added below.
         transport = (self.forward - self.reverse) / self._base_charge()
-        # The transport current has opposite signs at the be and bc ports; it cancels in the base.
+        # The transport current has opposite signs at the be and bc ports and cancels in the base.
         if own == "be":
             total = transport + self.forward / argument("forward_gain")
         else:
@@ -206,7 +207,7 @@ class _Laws:
         return total + argument("leakage") * v if "leakage" in self.has else total
 
     def _capacities(self, own: str, other: str) -> tuple[Any, Any]:
-        """Return a junction charge's derivatives with respect to its own and the other voltage."""
+        """Return the derivatives of a junction's charge by its own and by the other voltage."""
         v, capacity = self.voltage[own], ZERO
         if f"{own}_capacitance" in self.has:
             capacity += depletion_capacity(v, own)
@@ -223,7 +224,7 @@ class _Laws:
         if self.has & _CHARGES[own]:
             capacity, cross = self._capacities(own, other)
             kind, storage = Kind.ACROSS_STORAGE, self._of_port(capacity, own, other)
-            # The sign of pnp transistors cancels: it applies to voltage rates and currents.
+            # The sign of pnp transistors cancels, since voltage rates and currents both contain it.
             through += cross * argument(f"across_rate_{other}")
         through = self._of_port(through, own, other)
         return Terminal(
@@ -231,8 +232,8 @@ class _Laws:
         )
 
     def substrate(self, between: tuple[str, str]) -> Terminal:
-        """Build the port of the substrate junction, which never conducts forwards."""
-        # The p substrate adjoins n material, the collector of npn and the base of pnp: equal signs.
+        """Build the port of the substrate junction, which never conducts in forward direction."""
+        # The p substrate adjoins n material, the collector of npn and the base of pnp: same sign.
         v, storage, kind = argument("across"), None, Kind.DISSIPATOR
         if "substrate_capacitance" in self.has:
             kind = Kind.ACROSS_STORAGE
@@ -250,7 +251,7 @@ class _Laws:
         )
 
     def _of_port(self, expression: Any, own: str, other: str) -> Any:
-        # Laws are written for npn transistors. For pnp ones, voltages and currents change sign.
+        # Laws are written for npn transistors; for pnp, voltages and currents change sign.
         names = {own: "across", other: f"across_{other}"}
         return expression.where(
             **{f"v{at}": self.sign * argument(name) for at, name in names.items()}
@@ -289,8 +290,8 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
     """
 
     def law(across: Any, other: Any, current: Any, gain: Any, thermal_voltage: Any) -> Any:
-        # Junction current times 1 + 1/gain, minus that of the other junction: the transport current
-        # flows through the base from one junction to the other.
+        # The junction's current times 1 + 1/gain, minus the other junction's: the transport current
+        # flows from one junction through the base to the other.
         own = junction_current(sign * across, current, thermal_voltage)
         return sign * (
             own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage)
@@ -328,7 +329,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
     """Build a field-effect transistor; ``sign`` is 1 for an n-channel and -1 for a p-channel.
 
     The law i = k/2 (a^2 - b^2) (1 + l |vds|) is symmetric in drain and source. a and b are the gate
-    voltages relative to source and drain minus the threshold, but at least zero.
+    voltages relative to source and drain, minus the threshold and at least zero.
     """
 
     def law(
@@ -336,12 +337,12 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
     ) -> Any:
         vds, vgs = sign * across, sign * gate
         # Square law with channel-length modulation (level 1: H. Shichman and D. A. Hodges, IEEE
-        # Journal of Solid-State Circuits 3 (1968) 285). a and b cover the ohmic and the saturated
+        # Journal of Solid-State Circuits 3 (1968) 285). a and b cover both ohmic and saturated
         # region.
         at_source = vgs - sign * threshold
         a, b = (larger(above, 0) for above in (at_source, at_source - vds))
-        # In the ohmic region a - b equals vds, but cancellation would cause a current of about
-        # 1e-18 A at zero vds and a gate voltage of 2 V.
+        # In the ohmic region, a - b equals vds, but cancellation would cause a current of about
+        # 1e-18 A at vds = 0 and a gate voltage of 2 V.
         is_open = smaller(at_source, at_source - vds)
         across_channel = select(-is_open, a - b, vds)
         channel = factor / 2 * (1 + modulation * magnitude(vds)) * ((a + b) * across_channel)
@@ -380,7 +381,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
             _DOMAIN,
             Kind.THROUGH_SOURCE,
             "gs",
-            # The gate has no static current. Its port only measures the voltage.
+            # The gate has no static current; its port only measures the voltage.
             through=ZERO,
             is_passive=False,
             between=("gate", "source"),
@@ -397,7 +398,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
 
 
 def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
-    """Return a function that adds the bulk node to a field-effect transistor if a scene names it.
+    """Return a function that adds a bulk node to a field-effect transistor if a scene names one.
 
     The threshold is raised by g (sqrt(P - v) - sqrt(P)), where v is the voltage of the bulk against
     the lower of source and drain. For v > 0 the root is continued linearly, as in SPICE.
@@ -418,7 +419,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
     @lru_cache(maxsize=1)
     def made() -> Component:
         drain = replace(plain.ports[0], through=shifted())
-        # Like the gate, the bulk port has no current.
+        # Like the gate, the bulk has no current.
         bulk = replace(plain.ports[1], port="bs", between=("bulk", "source"))
         return replace(
             plain,
