@@ -1,1 +1,1 @@
-"""The branch-chord formulation: from a scene and its trees to equations."""
+"""The branch-chord formulation: from a scene and its trees to governing equations."""

@@ -1,9 +1,9 @@
 """Across variables: prefix sums over the tree (paper, Eq. (2)).
 
-Vectors of a cluster are resolved in its own basis, vectors of a branch in its parent's basis.
-Gravity is subtracted from accelerations, so that weight needs no terminal equation. A sensitivity
-graph evaluates the same functions with dual numbers; values that do not depend on its seed are
-taken from the first graph.
+Vectors of a cluster are resolved in the cluster's basis, vectors of a branch in the basis of its
+parent. Gravity is subtracted from accelerations, so that weight needs no terminal equation. A
+sensitivity graph evaluates the same functions with dual numbers, and reads values that do not
+depend on its seed from the first graph.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Circuits:
-    """Sums of an across variable along paths of the tree, each computed once."""
+    """Sums of an across variable along paths of the tree; each sum is computed once."""
 
     motion: Motion
-    #: Returns the across variable of a branch, in the basis of its parent.
+    #: Function that returns the across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
-    #: In a sensitivity graph: the first graph's circuits, which supply unchanged values.
+    #: In a sensitivity graph: circuits of the first graph, from which unchanged values are read.
     known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
     def between(self, ancestor: int, cluster: int) -> Vector:
-        """Return the sum between two origins, in the basis of the ancestor ([1] eq. 2)."""
+        """Return the sum between two cluster origins, in the basis of the ancestor ([1] eq. 2)."""
         clusters, frames = self.motion.clusters, self.motion.frames
         if self.known is not None and frames.is_kept(cluster):
             return self.known.between(ancestor, cluster)
@@ -45,7 +45,7 @@ class Circuits:
             # Paths from one ancestor share inner parts: each sum adds one term to a known sum.
             key = (ancestor, branch.child)
             if key not in self._sums:
-                # Sums are in the ancestor's basis, each term in its parent's basis.
+                # The sum is in the ancestor's basis; each term is in its parent's basis.
                 step = inwards(clusters, frames, self.across(branch), branch.parent, ancestor)
                 self._sums[key] = vector.add(total, step)
             total = self._sums[key]
@@ -55,7 +55,7 @@ class Circuits:
 def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int) -> Vector:
     """Transform a vector from a cluster's basis to an ancestor's basis."""
     while cluster != ancestor:
-        # Bases change one branch at a time; a cluster may share its parent's basis.
+        # Rotate branch by branch; a cluster may share the basis of its parent.
         a = frames.up(cluster, a)
         cluster = clusters.to(cluster).parent
     return a
@@ -82,7 +82,7 @@ class Motion:
 
     def to(self, cluster: int) -> Geometry:
         """Return the branch that leads to a cluster."""
-        # Branches are numbered like their child clusters, from 1; cluster 0 is the ground.
+        # Branch i - 1 leads to cluster i; cluster 0 is the ground.
         return self.geometry[cluster - 1]
 
     @cached_property
@@ -99,7 +99,7 @@ class Motion:
 
     def _branch_velocity(self, branch: Branch) -> Vector:
         geometry = self.to(branch.child)
-        # The offset moves with the parent; the motion space adds the relative motion.
+        # The offset rotates with the parent; the motion space adds the relative motion.
         result = vector.cross(self.omega[branch.parent], geometry.offset)
         for speed, shifting in zip(branch.speeds, geometry.shifting, strict=True):
             result = vector.add(result, vector.scale(self.frames.seen(speed.symbol), shifting))
@@ -127,19 +127,19 @@ class Accelerations:
 
     alpha: tuple[Vector, ...]  # angular acceleration of each cluster, [rad/s^2]
     #: ``[alpha]x + [omega]x[omega]x`` of each cluster. Its product with a vector fixed in the
-    #: cluster is the relative acceleration between the ends of the vector.
+    #: cluster is the acceleration of the vector's end relative to its start.
     matrix: tuple[Matrix, ...]
     origin: tuple[Vector, ...]  # acceleration of each cluster's origin, minus gravity
-    #: Vector along each moving branch between the clusters' origins, in the parent's basis.
+    #: Relative acceleration of the origins along each moving branch, in the parent's basis.
     across: tuple[Vector, ...]
-    rates: tuple[Node, ...]  # accelerations: derivatives of the speeds
+    rates: tuple[Node, ...]  # accelerations: the derivatives of the speeds
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
     """Compute branch geometry and cluster spins ([1] eq. 2); ``first`` supplies constant values."""
     geometry = []
-    # The ground comes first and does not rotate. Each branch comes after the branches that carry
-    # it, so that each prefix sum adds one term (Eq. (2)).
+    # The ground is first and does not rotate. Branches come after the branches that carry them, so
+    # each prefix sum adds one term (Eq. (2)).
     omega = [vector.zeros(system.dag)]
     for branch in clusters.branches:
         if first is not None and frames.is_kept(branch.child):
@@ -149,7 +149,7 @@ def move(system: System, clusters: Clusters, frames: Frames, first: Motion | Non
         with system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
             own = resolve_branch(system, frames, branch)
             geometry.append(own)
-            # Angular velocities add up along the rotation tree, positions along the other one.
+            # Angular velocities add up along the rotation tree.
             total = vector.add(omega[branch.turn_parent], relative_spin(frames, own))
             omega.append(frames.down(branch.child, total))
     return Motion(system, clusters, frames, tuple(geometry), tuple(omega), first)
@@ -178,7 +178,7 @@ def carrier_spin(motion: Motion, branch: Branch) -> Vector:
     """Return the angular velocity of a branch's carrier, in the basis of the branch's parent."""
     if branch.carrier != branch.child:
         return motion.omega[branch.carrier]
-    # Here the carrier is the child, whose angular velocity is in its own basis.
+    # If the carrier is the child, its angular velocity is in the child's basis.
     return motion.frames.up(branch.child, motion.omega[branch.child])
 
 
@@ -187,14 +187,14 @@ def accelerate(
 ) -> Accelerations:
     """Compute the cluster accelerations from the time derivatives of the speeds.
 
-    In a sensitivity graph, ``first`` contains the first graph's accelerations, and ``rates`` are
-    constant: their derivatives are the unknowns.
+    In a sensitivity graph, ``first`` contains the accelerations of the first graph, and ``rates``
+    are held constant because their derivatives are the unknowns.
     """
     system, frames = motion.system, motion.frames
     zero = vector.zeros(system.dag)
     alpha = [zero]
     matrix = [vector.angular_acceleration_matrix(zero, zero)]
-    # The ground accelerates against gravity, so inertial forces include weight (d'Alembert).
+    # Giving the ground the acceleration -g includes weight in inertial forces (d'Alembert).
     origin = [vector.neg(frames.resolved(0, system.gravity))]
     steps = []
     for geometry in motion.geometry:
@@ -204,12 +204,12 @@ def accelerate(
             alpha.append(first.alpha[child])
             matrix.append(first.matrix[child])
             steps.append(first.across[child - 1])
-            # If the parent's sum is also unchanged, so is the sum at the origin.
+            # If the parent's sum is unchanged too, so is this sum.
             if origin[parent] == first.origin[parent]:
                 origin.append(first.origin[child])
                 continue
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
-            # Otherwise only the sum is computed again, with the first graph's term.
+            # Otherwise the sum changes, but its last term is that of the first graph.
             if len(steps) < child:
                 own = [rates[v.index] for v in branch.speeds]
                 spin = carrier_spin(motion, branch)
@@ -224,7 +224,7 @@ def accelerate(
 
 def _turn(frames: Frames, geometry: Geometry, rates: Sequence[Node], spin: Vector) -> Vector:
     zero = vector.zeros(geometry.branch.anchor[0].dag)
-    # The axes of the motion space are constant in the carrier; their rate in space is spin x e.
+    # Axes of the motion space are constant in the carrier: their rate in space is spin x e.
     gyroscopic = vector.cross(spin, relative_spin(frames, geometry))
     return vector.add(weighted(zero, geometry.turning, rates), gyroscopic)
 
@@ -238,10 +238,10 @@ def _shift(
 ) -> Vector:
     branch = geometry.branch
     zero = vector.zeros(branch.anchor[0].dag)
-    # tangential and centripetal acceleration of the arm that is fixed in the parent
+    # Tangential and centripetal acceleration of the part of the arm that is fixed in the parent.
     total = vector.times(matrix[branch.parent], geometry.from_parent)
     total = vector.add(total, weighted(zero, geometry.sliding, rates))
-    # Coriolis term 2 omega x v of translations along axes that rotate with the carrier
+    # Coriolis term 2 omega x v of translations along axes that rotate with the carrier.
     coriolis = vector.cross(spin, _moving(frames, geometry, geometry.sliding))
     total = vector.add(total, vector.add(coriolis, coriolis))
     # A joint that points inwards slides along axes of its child, in which this part of the arm is
@@ -255,7 +255,7 @@ def _shift(
 
 @dataclass(frozen=True)
 class View:
-    """Across variables of a graph, with or without accelerations."""
+    """Across variables of a graph; some views have no accelerations."""
 
     motion: Motion  # positions and velocities of the graph
     accelerations: Accelerations | None = None
@@ -263,7 +263,7 @@ class View:
 
     @property
     def across(self) -> Accelerations:
-        """The accelerations."""
+        """Accelerations of the clusters."""
         assert self.accelerations is not None  # absent in views of positions and velocities
         return self.accelerations
 
@@ -275,7 +275,7 @@ class View:
     @cached_property
     def _rates(self) -> dict[Node, Node]:
         speeds = self.motion.system.speeds
-        # Accelerations are zero for the right-hand side, and symbols for the balances.
+        # Accelerations are zero for the right-hand side, and symbols for balances and outputs.
         return {v.acceleration: rate for v, rate in zip(speeds, self.across.rates, strict=True)}
 
     def _inwards(self, a: Vector, cluster: int, ancestor: int) -> Vector:
@@ -284,12 +284,12 @@ class View:
     def scalar(self, node: Node) -> Node:
         """Return a field, coordinate, speed or acceleration in this view."""
         if self.accelerations is not None:
-            # The symbol of an acceleration is replaced by its value in this view.
+            # Replace the symbol of an acceleration by its value in this view.
             node = self._rates.get(node, node)
         return self.motion.frames.seen(node)
 
     def fixed(self, cluster: int, local: Vector, ancestor: int) -> Vector:
-        """Transform a vector in cluster axes, maybe time-dependent, to an ancestor's basis."""
+        """Transform a vector in cluster axes, which may depend on time, to an ancestor's basis."""
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:
@@ -302,7 +302,7 @@ class View:
 
     def acceleration(self, point: Point, ancestor: int) -> Vector:
         """Return a point's acceleration relative to an ancestor's origin."""
-        # Only the ground's origin accelerates against gravity: sums from an ancestor exclude it.
+        # Gravity is added only at the ground's origin, so sums from an ancestor exclude it.
         own = vector.times(self.across.matrix[point.cluster], self.motion.arm(point))
         own = self._inwards(own, point.cluster, ancestor)
         return vector.add(self._accelerations.between(ancestor, point.cluster), own)
@@ -321,5 +321,5 @@ class View:
 
     def settled(self, a: Vector, ancestor: int, cluster: int) -> Vector:
         """Transform a vector from an ancestor's basis to a cluster's basis."""
-        # Pulls are computed once, in the ancestor's basis, for both clusters.
+        # A pull is computed once in the ancestor's basis, and then transformed for both clusters.
         return outwards(self.motion.clusters, self.motion.frames, a, ancestor, cluster)

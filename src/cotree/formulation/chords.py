@@ -1,4 +1,4 @@
-"""Constraints by chords: rows of joints that close loops, and of constraint components.
+"""Constraints by chords: joints that close loops, and constraint components.
 
 The across variable of a chord joint is zero along its reaction space, in which its multiplier acts.
 """
@@ -66,7 +66,7 @@ def constraint_rows(motion: Motion) -> list[Row]:
 
 
 def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Yield a chord joint's constraints: zero across variables along its reaction space."""
+    """Yield the constraints of a chord joint: zero across variables along its reaction space."""
     trees = motion.system.trees
     if not trees.is_branch(edge.name, rotates=False):
         yield from _translation_rows(motion, edge)
@@ -90,7 +90,7 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
         for place, unit in zip("xyz", vector.identity(dag), strict=True):
             yield _named(edge, place, "m", Coincidence(ends, unit))
         return
-    # A free or spatial joint constrains no translation.
+    # A joint with three translations constrains no translation.
     if len(sliding) == 3:
         return
     if len(sliding) == 2:
@@ -104,7 +104,7 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     if screws:
         along = AxisLength(ends, carried_by(motion, ends, 0, axis))
         symbols = [dag.symbol("measure", i) for i in range(2)]
-        # A screw advances by its pitch per radian of its total angle.
+        # A screw advances by its pitch per radian of its angle, which counts whole turns.
         held = symbols[0] - edge.scalars[screws[0].pitch] * symbols[1]
         parts = (along, whole_angle(motion, edge))
         yield _named(edge, "along", "m", Composite(parts, held, motion.system.time))
@@ -139,12 +139,12 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     if len(turning) == 2:
         u, v = edge.vectors["axis"], edge.vectors["axis2"]
         a, b = carried_by(motion, ends, 0, u), carried_by(motion, ends, 1, v)
-        # A universal joint keeps the angle between its two fork axes constant.
+        # A universal joint keeps the angle between the axes of its two forks constant.
         held = dag.symbol("measure", 0) - vector.dot(u, v)
         yield _named(edge, "turn", "", Composite((Cosine(ends, a, b),), held, motion.system.time))
         return
     axis = _axis_of(edge)
-    # The axis stays perpendicular to two directions that are fixed in the second node.
+    # The axis remains perpendicular to two directions that are fixed in the second node.
     a = carried_by(motion, ends, 0, axis)
     for i, direction in enumerate(plane_axes(axis)):
         b = carried_by(motion, ends, 1, direction)
@@ -169,7 +169,7 @@ def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
 
 
 def joint_angle(motion: Motion, edge: BoundEdge) -> Angle:
-    """Return the rotation angle of a chord joint as a measure; in space, between -pi and pi."""
+    """Return the angle of a chord joint as a measure; in space, it is between -pi and pi."""
     return _angle_about(motion, edge, _axis_of(edge))
 
 
@@ -186,14 +186,14 @@ def _angle_about(motion: Motion, edge: BoundEdge, axis: Vector) -> Angle:
 
 
 def _plane_angle(motion: Motion, edge: BoundEdge, axis: Vector) -> Node | None:
-    """Return the sum of the angles between the nodes, or None if the motion is not planar."""
+    """Return the sum of the angles between the nodes; None if the motion is not planar."""
     system = motion.system
     if not system.plane:
         return None
     points = motion.clusters.points
     turned = node_angle(motion, points[edge.second], system.plane)
     turned = turned - node_angle(motion, points[edge.first], system.plane)
-    # This component is 1 or -1, since the axis may point against the normal.
+    # This component is 1, or -1 if the axis points against the normal.
     return axis["xyz".index(system.plane)] * turned
 
 
@@ -205,7 +205,7 @@ def node_angle(motion: Motion, point: Point, plane: str) -> Node:
         along = vector.signed(branch.sign, branch.axes[0])[n]
         total = total + along * branch.position
     if point.turn is not None:
-        # A weld or an arm may rotate the node within its rigid cluster.
+        # A weld or an arm may rotate the node relative to its rigid cluster.
         i, j = (n + 1) % 3, (n + 2) % 3
         total = total + motion.system.dag.function("atan2", point.turn[j][i], point.turn[i][i])
     return total
@@ -216,7 +216,7 @@ def chord_measure(
 ) -> Measure | None:
     """Return the measure of a chord's coordinate or rate by name, or None if there is none.
 
-    ``space`` is the motion space of a body as a branch; a joint has its own.
+    For a body, ``space`` is the motion space that it would have as a branch.
     """
     ends = chord_ends(motion, edge)
     units = vector.identity(motion.system.dag)
@@ -239,7 +239,7 @@ def chord_measure(
 
 
 def named_measure(motion: Motion, name: str) -> Measure | None:
-    """Return the measure of ``edge.coordinate`` or of a node's ``x``, ``y``, ``z``, or None."""
+    """Return the measure ``edge.coordinate``, or ``x``, ``y``, ``z`` of a node; None if unknown."""
     system = motion.system
     for speed in system.speeds:
         if speed.coordinate is not None and speed.coordinate.name == name:
@@ -248,7 +248,7 @@ def named_measure(motion: Motion, name: str) -> Measure | None:
     edge = system.edges.get(first)
     if edge is not None and edge.component.role is Role.JOINT:
         found = chord_measure(motion, edge, last)
-        # Measures in expressions must not jump at half a turn.
+        # A measure in an expression must not jump at half a turn.
         if isinstance(found, Angle):
             return whole_angle(motion, edge)
         if found is not None:
@@ -312,7 +312,7 @@ def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
     square = vector.dot(axis, axis)
     length = dag.function("sqrt", square)
     x, y, z = (entry if square is dag.one else entry / length for entry in axis)
-    # This choice needs the fewest operations if the axis lies in a coordinate plane.
+    # For an axis in a coordinate plane, this choice needs the fewest operations.
     if not z.is_zero and y.is_zero:
         return (z, dag.zero, -x), (dag.zero, dag.one, dag.zero)
     if not z.is_zero and x.is_zero:
@@ -331,7 +331,7 @@ def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
 
 def _rolling(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     ends, normal = chord_ends(motion, edge), edge.vectors["normal"]
-    # The height is a holonomic constraint; the two slips have rates only.
+    # The height is a holonomic constraint; the two slips constrain only rates.
     up = carried_by(motion, ends, 0, normal)
     body = surface_of(motion, edge, ends)
     for place, direction in zip(

@@ -2,8 +2,8 @@
 
 Circuit sums within a cluster depend on parameters only, and the inertias of all nodes of a cluster
 are lumped at its origin. Moving branches connect the clusters. The translation tree determines the
-positions of cluster origins, the rotation tree the directions of cluster axes. If the trees differ,
-different branches lead to both.
+positions of cluster origins, and the rotation tree the directions of cluster axes. If the trees
+differ, the origin and the axes of a cluster are determined by different branches.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ class Point:
 
     cluster: int
     local: Vector  # position relative to the cluster's origin, in the cluster's frame
-    turn: Matrix | None = None  # rotation from node axes to cluster axes; None if equal
+    turn: Matrix | None = None  # rotation from node axes to cluster axes; None if they are equal
 
     def resolved(self, a: Vector) -> Vector:
         """Transform a vector from node axes to cluster axes."""
-        # Most nodes have the axes of their cluster and need no product.
+        # The axes of most nodes are those of the cluster, so no product is needed.
         return a if self.turn is None else vector.times(self.turn, a)
 
 
@@ -43,8 +43,8 @@ class Point:
 class Branch:
     """A branch with a motion space, from a parent cluster to its child.
 
-    The child's origin is the branch's outer node. A joint with several degrees of freedom in series
-    consists of several branches, with empty clusters between them.
+    The child's origin is the branch's outer node. A joint with several degrees of freedom consists
+    of several branches in series, with empty clusters between them.
     """
 
     edge: str  # joint to which the branch belongs
@@ -53,16 +53,16 @@ class Branch:
     #: Cluster relative to which the child's axes rotate: the parent, unless the trees differ.
     turn_parent: int
     child: int
-    #: Cluster in whose axes the motion space is constant: the cluster of the edge's first node, or
-    #: of its second node for angular velocities.
+    #: Cluster in whose axes the motion space is constant: that of the edge's first node or, for
+    #: angular velocities, that of its second node.
     carrier: int
     anchor: Vector  # position of the branch's inner node in the parent's frame
-    #: Coordinates and speeds; None if the branch only combines an origin and axes of both trees.
+    #: Coordinates and speeds; None if the branch only combines the origin and axes of both trees.
     step: Step | None
     axes: tuple[Vector, ...]  # direction of each speed, in the axes of the carrier
-    #: Translation along the axis per unit of each speed: 1; 0 for a rotation; the pitch of a screw.
+    #: Translation along the axis per unit of each speed: 1; 0 for a rotation; a pitch for a screw.
     slides: tuple[Node, ...]
-    #: For a free rotation: the child's axes at identity rotation, in axes of ``turn_parent``.
+    #: For a free rotation: the child's axes at the identity rotation, in axes of ``turn_parent``.
     mount: Matrix | None = None
 
     @property
@@ -83,12 +83,12 @@ class Branch:
     @property
     def position(self) -> Node:
         """The coordinate of a branch with a single axis."""
-        # A free rotation has four coordinates; see `quaternion`.
+        # A free rotation has four coordinates instead; see `quaternion`.
         return self.coordinates[0].symbol
 
     @property
     def quaternion(self) -> tuple[Node, ...] | None:
-        """The coordinates of a free rotation, else None."""
+        """The coordinates of a free rotation; None for other branches."""
         if self.step is None or isinstance(self.step.kind, Freedom):
             return None
         return tuple(c.symbol for c in self.coordinates)
@@ -115,13 +115,13 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Clusters:
-    """The rigid clusters of a system: number 0 is the ground, parents come before children."""
+    """The rigid clusters of a system: number 0 is the ground, parents precede children."""
 
     points: dict[str, Point]  # points of all nodes
     branches: tuple[Branch, ...]  # branch that leads to each cluster except the ground
     #: Lumped inertia of each cluster; None if it has none.
     inertias: tuple[Inertia | None, ...]
-    #: Branches of every edge with a motion space, for each graph.
+    #: For each graph: the branches of every edge with a motion space.
     entries: Mapping[str, Mapping[str, EdgeEntry]]
 
     def to(self, cluster: int) -> Branch:
@@ -129,7 +129,7 @@ class Clusters:
         return self.branches[cluster - 1]
 
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:
-        """Return the branches of the translation tree from an ancestor outwards to a cluster."""
+        """Return the branches of the translation tree on the path from an ancestor to a cluster."""
         found: list[Branch] = []
         while cluster != ancestor:
             found.append(self.to(cluster))
@@ -137,11 +137,11 @@ class Clusters:
         return found[::-1]
 
     def turning_path(self, cluster: int) -> list[Branch]:
-        """Return the branches that rotate a cluster, along the rotation tree from the ground."""
+        """Return the branches that rotate a cluster, in the order of the rotation tree."""
         found: list[Branch] = []
         while cluster:
             branch = self.to(cluster)
-            # Translations do not change the axes.
+            # Skip translations, which do not change the axes.
             if branch.turns:
                 found.append(branch)
             cluster = branch.turn_parent
@@ -149,8 +149,8 @@ class Clusters:
 
     def common_ancestor(self, a: int, b: int) -> int:
         """Return the outermost cluster that is on both clusters' paths to the ground."""
-        while a != b:  # a parent has a smaller number than its children
-            # The cluster with the larger number is not the ancestor: replace it by its parent.
+        while a != b:  # parents have smaller numbers than their children
+            # The cluster with the larger number cannot be the ancestor: replace it by its parent.
             a, b = min(a, b), self.to(max(a, b)).parent
         return a
 
@@ -165,7 +165,7 @@ def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
 
 def _steiner(moment: Vector, offset: Vector) -> Matrix:
     """Return m (c.c 1 - c c^T) from m c and c."""
-    # Each product m c_i c_j is computed once and used in two entries of the tensor.
+    # Each product m c_i c_j is computed once and used in two entries.
     xx, yy, zz = (moment[i] * offset[i] for i in range(3))
     xy, xz, yz = moment[0] * offset[1], moment[0] * offset[2], moment[1] * offset[2]
     return ((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy))
@@ -189,21 +189,21 @@ def lump(system: System) -> Clusters:
 
 
 class _Walks:
-    """Simultaneous traversal of both trees, from the ground outwards."""
+    """Simultaneous traversal of both trees from the ground outwards."""
 
     def __init__(self, system: System) -> None:
         self.system = system
         self.points = {"ground": Point(0, vector.zeros(system.dag))}
         self.branches: list[Branch] = []
         self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
-        # Rotation tree's step to each node; rotation from node to cluster axes (None if equal).
+        # Rotation tree's step to each node; rotation from node to cluster axes, None if equal.
         self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
         self._turns: dict[str, Matrix | None] = {"ground": None}
 
     def walk(self) -> None:
         """Traverse the translation tree; a node waits until the rotation tree has reached it."""
-        # Each round processes the nodes that both trees have reached. If there are none, the trees
-        # wait for each other, and no order of the clusters exists.
+        # Each round processes the nodes that both trees have reached. If no node is left to
+        # process, the trees wait for each other, and the clusters have no order.
         rest = list(tree_walk(self.system.trees.translation))
         while rest:
             waiting = [step for step in rest if not self._is_done(step)]
@@ -212,13 +212,13 @@ class _Walks:
             rest = waiting
 
     def _is_done(self, step: TreeStep) -> bool:
-        """Process a node of the translation tree; return False if it has to wait."""
+        """Process a node of the translation tree; return False if the node must wait."""
         inner = self.points.get(step.parent)
         if inner is None:
             return False
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
-            # Arms and welds are branches of both trees, or of neither.
+            # Arms and welds are branches either of both trees or of neither.
             self.points[step.child] = self._fixed_point(edge, step, inner)
             return True
         turning = self._entering(step.child)
@@ -239,7 +239,7 @@ class _Walks:
         )
 
     def _entering(self, node: str) -> TreeStep:
-        """Return the step of the rotation tree that leads into a node's cluster."""
+        """Return the step of the rotation tree that leads into the cluster of a node."""
         step = self._to[node]
         # Arms stay within a cluster; the nearest inner edge that is not an arm leads into it.
         while self.system.edges[step.edge].component.role is Role.ARM:
@@ -247,8 +247,8 @@ class _Walks:
         return step
 
     def _turn(self, node: str) -> Matrix | None:
-        """Return the rotation from a node's axes to its cluster's axes, along the rotation tree."""
-        # Walk inwards to a node whose axes are known, then compose the rotations outwards.
+        """Return the rotation from a node's axes to its cluster's axes, by the rotation tree."""
+        # Walk inwards to a node with known axes, then compose the rotations outwards.
         unknown = []
         while node not in self._turns:
             unknown.append(self._to[node])
@@ -262,22 +262,22 @@ class _Walks:
     def _turned(self, step: TreeStep, turn: Matrix | None) -> Matrix | None:
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
-            # The rotation of an arm or weld resolves the second node's axes in the first node's.
+            # The rotation of an arm or weld transforms from the second node's axes to the first's.
             own = edge.rotation
             if step.sign < 0 and own is not None:
                 own = vector.transpose(own)
             return _product(turn, own)
         steps = self.system.steps.get(step.edge, ())
-        # The outer node's axes become the child's axes.
+        # After a free rotation, the axes of the outer node are those of the child cluster.
         return None if any(isinstance(own.kind, FreeRotation) for own in steps) else turn
 
     def _fixed_point(self, edge: BoundEdge, step: TreeStep, inner: Point) -> Point:
         arm = edge.vectors.get("vector")
         if step.sign > 0:
-            # The arm is in the axes of the edge's first node, here the inner node.
+            # The arm is in the axes of the edge's first node, which here is the inner node.
             local = inner.local if arm is None else vector.add(inner.local, inner.resolved(arm))
             return Point(inner.cluster, local, self._turn(step.child))
-        # The first node is here the outer node; its axes must be known to resolve the arm.
+        # The first node is here the outer node, whose axes are needed to resolve the arm.
         first = replace(inner, turn=self._turn(step.child))
         if arm is None:
             return first
@@ -288,14 +288,14 @@ class _Walks:
         first = len(self.branches) + 1
         if turning == step:
             place = self._along(step, inner, inner)
-            # An edge with an empty motion space has no branch.
+            # Branches were formed: an empty motion space forms none.
             if place is not inner:
                 entry = EdgeEntry(step.sign, first, place.cluster)
                 self.entries["translation"][step.edge] = entry
                 self.entries["rotation"][step.edge] = entry
             return place
-        # A joint slides in the axes of its first node. If that node is in the joint's child
-        # cluster, the axes of this cluster are determined first.
+        # A joint slides in the axes of its first node. If this node is in the child cluster of the
+        # joint, the axes of this cluster must be determined first.
         place, turned = inner, self.points[turning.parent]
         if step.sign > 0:
             place = self._along(step, place, place)
@@ -303,7 +303,7 @@ class _Walks:
         if self.system.steps.get(turning.edge):
             place = self._along(turning, place, turned)
         else:
-            # The edge of the rotation tree has no motion space: only combine origin and axes.
+            # Without a motion space in the rotation tree, the branch only combines origin and axes.
             place = self._add(turning, None, place, turned)
         self.entries["rotation"][turning.edge] = EdgeEntry(turning.sign, first_turn, place.cluster)
         if step.sign < 0:
@@ -313,17 +313,17 @@ class _Walks:
         return place
 
     def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:
-        # An edge that points inwards is traversed from its second node: its last step comes first.
+        # An edge that points inwards is traversed from its second node: its last step is first.
         for own in self.system.steps.get(step.edge, ())[:: step.sign]:
             place = turned = self._add(step, own, place, turned)
         return place
 
     def _add(self, step: TreeStep, own: Step | None, place: Point, turned: Point) -> Point:
-        """Add a branch from ``place``, and return its outer node; it rotates about ``turned``."""
+        """Add a branch from ``place``, which rotates about ``turned``; return its outer node."""
         edge, sign, child = self.system.edges[step.edge], step.sign, len(self.branches) + 1
         dag = self.system.dag
         zero, units = vector.zeros(dag), vector.identity(dag)
-        # At zero coordinates the child has the turn parent's axes, and its node the same rotation.
+        # At zero coordinates, the child and its node have the rotations of their turn parents.
         inner, outer = turned.cluster, Point(child, zero, turned.turn)
         carrier = inner if sign > 0 else child
         mount: Matrix | None = None
@@ -332,11 +332,11 @@ class _Walks:
         if own is not None and isinstance(own.kind, Freedom):
             axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
             slide = dag.zero if own.kind.rotates else dag.one
-            # The axis is the same in both clusters, since a rotation about it leaves it unchanged.
+            # A rotation leaves its axis unchanged: its components in both clusters are equal.
             axes = (turned.resolved(axis[own.kind.axis]),)
             slides = (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,)
         elif own is not None:
-            # A free rotation's speeds are in axes of the second node: the child's if outwards.
+            # A free rotation's speeds are in axes of the second node: the child's, if outwards.
             axes = units if sign > 0 else tuple(turned.resolved(unit) for unit in units)
             slides = (dag.zero, dag.zero, dag.zero)
             carrier = child if sign > 0 else inner
@@ -368,7 +368,7 @@ def _inertias(
         with system.dag.labelled(f"inertia of {body.name}"):
             tensor = body.inertia
             if tensor is not None and point.turn is not None:
-                # The body's tensor is in axes of its node; lumped tensors are in cluster axes.
+                # The body's tensor is in node axes, the lumped tensor in cluster axes.
                 tensor = vector.congruence(point.turn, tensor)
             own = shifted(body.scalars["mass"], point.local, tensor)
             inertias[point.cluster] = combined(inertias[point.cluster], own)

@@ -1,4 +1,4 @@
-"""Constraints: measures that must be zero, with multipliers as dual through variables."""
+"""Constraints: measures that must be zero, and multipliers as their dual through variables."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 class Constraints:
     """The constraint equations of a scene."""
 
-    rows: tuple[Row, ...]  # rows whose rate depends on at least one speed
-    multipliers: tuple[Node, ...]  # symbols of the constraint forces (multipliers)
+    rows: tuple[Row, ...]  # constraints whose rate depends on at least one speed
+    multipliers: tuple[Node, ...]  # symbols of the multipliers, which are constraint forces
     applied: tuple[Applied, ...]  # generalised forces due to the multipliers
     #: Derivative of each rate with respect to each speed, shape (n_rows, n_speeds).
     gradient: tuple[tuple[Node, ...], ...]
-    #: Sums of the squared terms of the gradient, without cancellation.
+    #: Sum of the squared terms of each gradient entry, in which terms cannot cancel.
     sizes: tuple[tuple[Node, ...], ...]
-    values: tuple[Node | None, ...]  # values of the measures; None for a measure with a rate only
+    values: tuple[Node | None, ...]  # values of the measures; None if a measure has only a rate
     rates: tuple[Node, ...]  # rates of the measures
     #: Accelerations of the measures at zero coordinate accelerations, plus stabilisation terms.
     biases: tuple[Node, ...]
@@ -46,22 +46,22 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
     for row in (*constraint_rows(motion), *prescribed_rate_rows(motion)):
         with dag.labelled(f"constraint of {row.edge}"):
             pull = row.measure.pull(view)
-            # The power of the pull per unit of each speed is the derivative of the rate with
-            # respect to that speed. This yields a row of G without differentiating the value.
+            # The derivative of the rate with respect to a speed is the power of the pull per unit
+            # of this speed. This yields a row of G without differentiation of the value.
             gradient = tuple(along_speeds(motion, pull))
-        # With a zero row, the multiplier acts on no speed, and the matrix would be singular.
+        # With a zero row, the multiplier would act on no speed, and the matrix would be singular.
         if all(entry.is_zero for entry in gradient):
             idle.append(row)
         else:
             kept.append((row, pull, gradient))
-    # Multipliers and accelerations are unknowns of one system; multipliers are numbered last.
+    # Multipliers follow the accelerations among the unknowns of the system.
     symbols = [dag.symbol("w", len(speeds) + i) for i in range(len(kept))]
     values, rates, biases = [], [], []
     for row, _, _ in kept:
         with dag.labelled(f"constraint of {row.edge}"):
             values.append(row.measure.value(view))
             rates.append(row.measure.rate(view))
-            # The accelerations of the view are zero, so c'' = G v' + b yields b.
+            # c'' = G v' + b; the accelerations v' of the view are zero, so the result is b.
             biases.append(stabilised(row.measure, view, baumgarte))
     constraints = Constraints(
         tuple(row for row, _, _ in kept),
@@ -81,7 +81,7 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
 
 
 def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, ...]:
-    """Return the magnitudes of the gradient's entries that are not structurally zero."""
+    """Return the squared magnitudes of the gradient's entries that are not structurally zero."""
     with motion.system.dag.labelled("sizes of constraints"):
         sizes = sizes_along_speeds(motion, pull)
     return tuple(
@@ -94,7 +94,7 @@ def stabilised(measure: Measure, view: View, rate: float) -> Any:
 
     With the rate b = 0 it is c'' (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
     """
-    # A violation decays like exp(-b t), critically damped; without stabilisation it may grow.
+    # A violation decays like exp(-b t), critically damped; without stabilisation, it may grow.
     total = measure.acceleration(view)
     if rate:
         total = total + (2.0 * rate) * measure.rate(view)
@@ -104,18 +104,18 @@ def stabilised(measure: Measure, view: View, rate: float) -> Any:
 
 
 def along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Project a pull on the motion spaces: its power per unit of each speed."""
+    """Return the projection of a pull on the motion spaces: its power per unit of each speed."""
     return _along_speeds(motion, pull, project, lambda effort: effort)
 
 
 def sizes_along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Return the sums of the squared terms in :func:`along_speeds`, without cancellation."""
+    """Return for each result of :func:`along_speeds` the sum of its squared terms."""
     return _along_speeds(motion, pull, _projected_size, lambda effort: effort * effort)
 
 
 def _projected_size(geometry: Geometry, i: int, wrench: Wrench) -> Node:
     turning, shifting = geometry.turning[i], geometry.shifting[i]
-    # |e|^2 |T|^2 bounds (e.T)^2: entries far below the bound are rounding errors.
+    # |e|^2 |T|^2 bounds (e.T)^2: entries far below this bound are rounding errors.
     turned = vector.dot(turning, turning) * vector.dot(wrench.torque, wrench.torque)
     return turned + vector.dot(shifting, shifting) * vector.dot(wrench.force, wrench.force)
 
@@ -130,11 +130,11 @@ def _along_speeds(
     dag, frames = motion.system.dag, motion.frames
     totals = [dag.zero] * len(motion.system.speeds)
     for index, effort in pull.efforts.items():
-        # Efforts act along speeds directly and need no projection.
+        # Efforts act along speeds and need no projection.
         totals[index] = totals[index] + of_effort(effort)
     for pulled, force, torque in pull.wrenches:
-        # Each wrench is propagated separately, since a size is the sum of the squares of single
-        # terms. Parents have smaller numbers, so clusters with larger numbers are not affected.
+        # Propagate each wrench separately, since a size is a sum of squares of single terms.
+        # Parents have smaller numbers, so the wrench does not reach clusters with larger numbers.
         sums = Sums(pulled + 1)
         sums.gather(pulled, Wrench(force, torque))
         for cluster in range(pulled, 0, -1):
@@ -149,5 +149,5 @@ def _along_speeds(
 
 
 def multiplier_loads(applied: Sequence[Applied]) -> list[Pull]:
-    """Return each pull multiplied by the value of its through variable."""
+    """Return the pulls, each multiplied by the value of its through variable."""
     return [row.pull.scaled(row.magnitude) for row in applied]

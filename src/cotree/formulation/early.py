@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: Singular values below this are rounding errors, if rows and columns have length one.
+#: Smaller singular values are rounding errors if rows and columns have length one.
 _ROUNDING = 1e-15
-#: Number of random configurations in which a motion without inertia is sought.
+#: Number of random configurations that are searched for a motion without inertia.
 _N_TRIED = 3
 
 
 @contextmanager
 def within_range(scene: SceneDescription) -> Iterator[None]:
-    """Raise an error that names the scene value that most likely caused an overflow."""
+    """Convert an overflow to an error that names the scene value that most likely caused it."""
     try:
         yield
     except ArithmeticError as error:
-        # The value farthest from one is the most likely cause of an overflow.
+        # The value whose magnitude is farthest from one most likely caused the overflow.
         rows = [(abs(math.log(abs(x))), x, where) for x, where in _numbers(scene) if x]
         _, number, where = max(rows, default=(0.0, 0.0, f"scene '{scene.name}'"))
         raise FormulationError(
@@ -77,9 +77,9 @@ def check_numbers(first: FirstGraph) -> None:
     names = list(system.tunable)
     for guard in first.guards:
         number = system.at_scene(guard.value)
-        # Infinity is also an error: it is replaced by nan, which violates every guard.
+        # Infinity must be an error too: nan violates every guard.
         guard.named(names).check(number if np.isfinite(number) else np.nan)
-    # Pivots known to be positive need no numerical test.
+    # Pivots that are certainly positive need no numerical test.
     if all(first.is_safe[: len(system.speeds)]):
         return
     found = _motion_without_inertia(first)
@@ -93,7 +93,7 @@ def check_numbers(first: FirstGraph) -> None:
     moved = [v.name if v.coordinate is None else v.coordinate.name for v in speeds]
     edges = _listed(dict.fromkeys(v.edge for v in speeds))
     i, what = speeds[0].index, "moves no inertia"
-    # The inertia may be a rounding error of another body's or a long arm's inertia.
+    # The inertia may be lost in rounding errors of a larger one: another body's, or a long arm's.
     if len(speeds) == 1 and own[i] != 0.0:
         what += f" beyond rounding errors of the {carried[i]:.3g} that its joint carries"
     raise SingularSystemError(
@@ -107,15 +107,15 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | None:
-    """Return speeds that mass matrix and constraints do not resist in random states, or None.
+    """Return speeds that move neither inertia nor constraints in random states, or None.
 
     Also return the inertia that each speed moves, and the inertia beyond its joint.
     """
     n = len(first.system.speeds)
-    # Speeds in the common null space of mass matrix and gradients have no inertia or constraint.
+    # A vector in the common null space of mass matrix and gradients moves no inertia or constraint.
     entries = [entry for row in first.matrix for entry in row[:n]]
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
-    # The seed is fixed, so that a scene always has the same result.
+    # With a fixed seed, a scene always has the same result.
     random = np.random.default_rng(0)
     result = None
     for _ in range(_N_TRIED):
@@ -124,7 +124,7 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
             found = np.array(evaluate(entries, _random_state(first, symbols, random)), dtype=float)
         if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
-        # If all speeds have inertia or constraints in one configuration, the test ends.
+        # A regular matrix in one configuration is sufficient.
         rows = found.reshape(-1, n)
         motion = _null_vector(rows, least)
         if motion is None:
@@ -136,13 +136,13 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
 def _random_state(
     first: FirstGraph, symbols: Sequence[Node], random: np.random.Generator
 ) -> dict[Node, float]:
-    """Assign a number to every symbol: scene values of parameters, unit quaternions."""
+    """Return scene values of parameters, unit quaternions, and random numbers for other symbols."""
     system = first.system
     values = dict(zip(symbols, random.uniform(0.3, 1.0, len(symbols)).tolist(), strict=True))
     values |= {s: first.scene.parameters[name].number for name, s in system.tunable.items()}
     for step in chain(*system.steps.values()):
         if isinstance(step.kind, FreeRotation):
-            # Normally distributed entries have no preferred direction.
+            # Normally distributed entries prefer no direction.
             turn = random.normal(size=len(step.coordinates))
             turn /= np.linalg.norm(turn)
             values |= {c.symbol: x for c, x in zip(step.coordinates, turn.tolist(), strict=True)}
@@ -150,7 +150,7 @@ def _random_state(
 
 
 def _carried(first: FirstGraph) -> Array:
-    """Return the inertia that uncertain speeds may move, as a reference for rounding errors."""
+    """Return the inertia that each uncertain speed may move; rounding errors are relative to it."""
     n_clusters = len(first.motion.clusters.inertias)
     masses, moments = np.zeros(n_clusters), np.zeros(n_clusters)
     found = np.zeros(len(first.system.speeds))
@@ -168,9 +168,9 @@ def _carried(first: FirstGraph) -> Array:
 
 
 def _null_vector(rows: Array, least: Array) -> Array | None:
-    """Return a null vector up to rounding, or None; ``least`` is a lower bound of the diagonal."""
+    """Return a null vector up to rounding, or None; ``least`` bounds the diagonal from below."""
     n = len(least)
-    # Scaled to a unit diagonal, so that the bound does not depend on units.
+    # Scale to a unit diagonal, so that the tolerance does not depend on units.
     sizes = np.sqrt(np.maximum(np.abs(np.diag(rows)), least))
     sizes[sizes == 0.0] = 1.0
     scaled = rows / sizes

@@ -1,7 +1,7 @@
-"""Terminal equations of force elements: chords whose law determines the through variable.
+"""Terminal equations of force elements, whose laws determine their through variables.
 
-All vectors of an element are in the basis of its nodes' nearest common ancestor, so only the
-circuit between the nodes is summed.
+All vectors of an element are in the basis of the nearest common ancestor of its nodes, so that only
+the circuit between the nodes is summed.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Wrench:
 
 
 class Sums:
-    """Sums of wrenches on clusters or, in a sensitivity graph, of their derivatives."""
+    """Sums of wrenches on clusters or, in a sensitivity graph, of derivatives of wrenches."""
 
     def __init__(self, n_clusters: int) -> None:
         self._on_cluster: list[Wrench | None] = [None] * n_clusters
@@ -56,7 +56,7 @@ class Sums:
         return self._on_cluster[cluster]
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Return whether a wrench must be added to a cluster's sum; ``parts`` are its nodes."""
+        """Return whether a wrench with the components ``parts`` must be added to a sum."""
         return True
 
 
@@ -68,7 +68,7 @@ class Action:
     #: End points of the element.
     first: Point
     second: Point
-    ancestor: int  # cluster in whose basis the vectors are resolved
+    ancestor: int  # cluster in whose basis all vectors are resolved
     arms: tuple[Vector, Vector]  # vectors from the clusters' origins to the two nodes
     reach: Vector  # vector from the first node to the second
     arguments: Mapping[str, Node]  # arguments of the element's scalar law
@@ -92,7 +92,7 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
     """Form the terminal equation of a force element."""
     clusters, frames = motion.clusters, motion.frames
     first, second = clusters.points[edge.first], clusters.points[edge.second]
-    # Motion of the ancestor moves both nodes equally and cancels in their circuit.
+    # The ancestor moves both nodes equally, so its motion cancels in their circuit.
     ancestor = clusters.common_ancestor(first.cluster, second.cluster)
     zero = vector.zeros(motion.system.dag)
     arms = (
@@ -135,11 +135,11 @@ def _line(motion: Motion, still: Action) -> Action:
         length = vector.dot(direction, reach)
     seen = {name: motion.frames.seen(node) for name, node in edge.scalars.items()}
     arguments = {**seen, "length": length, "rate": dag.zero}
-    # The rate requires velocities: it is computed only if the law depends on it.
+    # The rate requires velocities: compute it only if the law depends on it.
     if "rate" in law.arguments and not edge.scalars.get("damping", dag.one).is_zero:
         velocity = motion.velocity(still.second, ancestor)
         closing = vector.sub(velocity, motion.velocity(first, ancestor))
-        # The rate of e.r is e.r' + e'.r; along the line between nodes, e' is perpendicular to r.
+        # (e.r)' = e.r' + e'.r; along the line between the nodes, e' is perpendicular to r.
         arguments["rate"] = vector.dot(direction, closing)
         if not is_central:
             omega, cluster = motion.omega[first.cluster], first.cluster
@@ -153,19 +153,19 @@ def _line(motion: Motion, still: Action) -> Action:
 def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
     """Return the wrenches of an element on its nodes' clusters, except on the ground."""
     found, clusters, frames = [], motion.clusters, motion.frames
-    # Force and reaction act at the same point, so the pair has no moment.
+    # Force and reaction act at the same point, so together they have no moment.
     reaction_arm = action.arms[0]
     if not action.is_central:
-        # A force along an axis need not pass through the first node; a central force does.
+        # A central force passes through both nodes. A force along an axis may miss the first node.
         reaction_arm = vector.add(reaction_arm, action.reach)
     moved = ((action.second, 1, action.arms[1]), (action.first, -1, reaction_arm))
     for point, sign, arm in moved:
         # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
-        # A cluster's wrenches are summed at its origin: add the moment of the arm.
+        # Wrenches of a cluster are summed at its origin: add the moment of the arm.
         torque = vector.add(vector.cross(arm, action.force), action.torque)
-        # The wrench is computed once in the ancestor's basis, and transformed for each node.
+        # The wrench is in the ancestor's basis: transform it for each node.
         force, torque = (
             outwards(clusters, frames, vector.signed(sign, part), action.ancestor, point.cluster)
             for part in (action.force, torque)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Resolver = Callable[[str], "Node"]
 
-#: Fields that are directions, whose length has no effect.
+#: Fields that are directions: their length has no effect.
 UNIT_VECTORS = frozenset({"axis", "axis2", "normal"})
 
 
@@ -49,7 +49,7 @@ class BoundEdge:
 def bind_edge(
     edge: Edge, dag: Dag, names_of: Callable[[Field], Resolver], at_scene: Callable[[Node], float]
 ) -> tuple[BoundEdge, list[Guard]]:
-    """Bind the fields of an edge to nodes, and normalise its axes; also return the guards.
+    """Bind the fields of an edge to nodes and normalise its axes; also return guards.
 
     ``names_of`` returns the nodes of the names that a field may use; ``at_scene`` evaluates nodes
     of parameters. Raise ParameterError if an axis has no direction or a constant has a wrong sign.
@@ -67,7 +67,7 @@ def bind_edge(
             assert isinstance(value, Expression)
             expressions[name] = value
         elif isinstance(value, Expression):
-            # Error messages about undefined values name the field.
+            # Set the origin, so that messages about undefined values name the field.
             scalars[name] = value.lower(dag, resolve)
             dag.note_origin(scalars[name], f"{name} of edge '{edge.name}'")
         elif row.shape is Shape.INERTIA:
@@ -83,7 +83,7 @@ def bind_edge(
                     guards.append(Guard(square, f"the squared length of {where}", is_strict=True))
                 vectors[name] = _unit(vectors[name], square, where)
     if "normal" in vectors:
-        # A planar joint slides along two axes that are computed from its normal.
+        # A planar joint slides along two axes, which are computed from its normal.
         vectors["normal_x"], vectors["normal_y"] = plane_axes(vectors["normal"])
     first, second = edge.nodes or ("ground", "ground")  # an edge without nodes acts on a joint
     bound = BoundEdge(
@@ -101,7 +101,7 @@ def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
 def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     rows: list[Vector] = []
     for i, row in enumerate(cast("Sequence[Any]", value)):
-        if isinstance(row, Expression):  # a list of the three principal moments
+        if isinstance(row, Expression):  # a list of three principal moments
             entries = [dag.zero] * 3
             entries[i] = row.lower(dag, resolve)
             rows.append((entries[0], entries[1], entries[2]))
@@ -111,10 +111,10 @@ def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 
 
 def _unit(axis: Vector, square: Node, where: str) -> Vector:
-    """Scale an axis with this squared length to unit length; numbers are folded."""
+    """Scale an axis with this squared length to unit length; numeric axes are folded."""
     if square.is_zero:
         raise ParameterError(f"{where} has no direction: give a vector that is not zero")
-    # A length of one up to rounding needs no division, so that numerical axes are unchanged.
+    # An axis of length one up to rounding is not divided, so that numeric axes are unchanged.
     if square.value is not None and math.isclose(square.value, 1.0, rel_tol=1e-15):
         return axis
     length = square.dag.function("sqrt", square)
@@ -135,14 +135,14 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
                 if not is_varying(entry)
             ]
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
-            # The diagonal must have the required sign; minors bound the other entries.
+            # Diagonal entries must have the required sign; the minors bound all other entries.
             entries = (bound.inertia[i][i] for i in range(3))
             found += [
                 Guard(entry, f"entry {i + 1} of {what}", is_strict)
                 for i, entry in enumerate(entries)
             ]
             minors += _minors(bound.inertia, what, at_scene)
-    # Constants are checked now, parameters whenever ``prepare`` receives their values.
+    # Check constants now, and parameters whenever ``prepare`` receives their values.
     for guard in found:
         if guard.value.value is not None:
             guard.check(guard.value.value)
@@ -150,27 +150,27 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
 
 
 def is_varying(node: Node) -> bool:
-    """Return whether a value depends on anything but parameters."""
+    """Return whether a value depends on more than parameters."""
     return any(symbol.data[0] != "p" for symbol in symbols_in([node]))
 
 
 def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> list[Guard]:
-    """Return guards on the minors of an inertia tensor, which are nonnegative for a real body."""
-    # Minors of thin rods, and of tensors with entries of 1e-35, are zero up to rounding. As a
-    # tolerance, a small fraction of the trace is added to the diagonal.
+    """Return guards on the minors of an inertia tensor, which no real body has negative."""
+    # Minors of thin rods, and of tensors with entries of 1e-35, are zero up to rounding. A small
+    # fraction of the trace, added to the diagonal, is the tolerance.
     room = ROUNDING * (tensor[0][0] + tensor[1][1] + tensor[2][2])
     found = []
     for i, j in ((0, 1), (0, 2), (1, 2)):
         if not tensor[i][j].is_zero:
             minor = (tensor[i][i] + room) * (tensor[j][j] + room) - tensor[i][j] * tensor[i][j]
             found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
-    # Guards that scene values violate are omitted, since they would reject the scene.
+    # If the scene's values violate a guard, none is returned: they would reject the scene.
     return found if all(_is_met(guard, at_scene) for guard in found) else []
 
 
 def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
     number = at_scene(guard.value)
-    return number >= 0.0 or not math.isfinite(number)  # nan is reported by the guard itself
+    return number >= 0.0 or not math.isfinite(number)  # the guard itself reports nan
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
@@ -178,7 +178,7 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     if isinstance(cast("Sequence[Any]", value)[0], Expression):
         angles = lower_vector(value, dag, resolve)
         matrix = vector.identity(dag)
-        # For rotations about fixed axes, later ones are multiplied from the left.
+        # Rotations about fixed axes multiply from the left.
         for axis, angle in zip(vector.identity(dag), angles, strict=True):
             if not angle.is_zero:
                 matrix = vector.matmul(about(axis, angle).matrix, matrix)
@@ -190,14 +190,14 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
     """Return two unit axes that form a right-handed system with a unit normal.
 
-    If the normal is a coordinate axis, they are the other two. Otherwise the first one is the
-    projection on the plane of the coordinate axis that follows the normal's largest entry.
+    If the normal is a coordinate axis, the results are the other two. Otherwise, the first one is
+    the projection on the plane of the coordinate axis that follows the normal's largest entry.
     """
     dag = normal[0].dag
     # The size of a symbolic entry is unknown; any choice is valid if it is not singular.
     sizes = [abs(entry.value) if entry.value is not None else 0.5 for entry in normal]
     start = vector.identity(dag)[(sizes.index(max(sizes)) + 1) % 3]
-    # Gram-Schmidt: the start axis follows the largest entry and is never parallel to the normal.
+    # Gram-Schmidt; the axis after the largest entry is never parallel to the normal.
     along = vector.dot(normal, start)
     first = vector.sub(start, vector.scale(along, normal))
     if not along.is_zero:
@@ -214,8 +214,8 @@ def resolver_of(
 ) -> Resolver:
     """Return a function from names to nodes; later mappings in ``known`` take precedence.
 
-    Error messages contain ``allowed`` names and ``advice``. Names in ``refused`` exist but are not
-    allowed here; each has its own advice.
+    Error messages contain ``allowed``, which describes the allowed names, and ``advice``. Names in
+    ``refused`` exist but are not allowed here; ``refused`` maps each to its advice.
     """
     others = refused or {}
     by_name = {name: node for mapping in known for name, node in mapping.items()}
@@ -223,12 +223,12 @@ def resolver_of(
     def resolve(name: str) -> Node:
         if name in by_name:
             return by_name[name]
-        # Names that are not allowed here have other messages than misspelt names.
+        # A name that is not allowed here needs another message than a misspelt name.
         if allowed and (name == "t" or "." in name or name in others):
             own = others.get(name, advice)
             message = f"uses '{name}', but may depend on {allowed} only{own and ': '}{own}"
             raise ExpressionError(message)
-        # T usually denotes a temperature or a torque, rarely time.
+        # T usually means a temperature or a torque, rarely time.
         hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)
         raise ExpressionError(f"uses the unknown name '{name}'{hint}")
 
@@ -238,9 +238,9 @@ def resolver_of(
 class FieldNames:
     """The names that fields may use: parameters, inputs, states, outputs and across variables.
 
-    Across variables are computed after the first fields are bound: until :meth:`gathered` is
-    called, fields contain a symbol for each. ``others`` are the nodes and edges of the scalar
-    networks.
+    Across variables are computed after the first fields are bound. Until :meth:`gathered` is
+    called, each across variable in a field is a symbol. ``others`` are the nodes and edges of the
+    scalar networks.
     """
 
     def __init__(
@@ -255,22 +255,22 @@ class FieldNames:
 
     def node(self, name: str, resolve: Resolver | None = None) -> Node:
         """Return the node of a name; ``resolve`` returns the nodes of names inside an output."""
-        # In expressions a parameter takes precedence over an output of the same name.
+        # In expressions, a parameter takes precedence over an output of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
             return self._output(name, resolve or self.node)
-        # State names also contain dots, but their symbols are already known.
+        # Names of states also contain dots, but their symbols are already known.
         is_across = bool(owner_among(name, self._places))
         if not is_across or name in self._known:
             return self._of_known(name)
         if name not in self._measured:
-            assert not self._is_gathered  # a new symbol would no longer be evaluated
+            assert not self._is_gathered  # a symbol created now would never be replaced
             self._measured[name] = self._dag.symbol(MEASURED, len(self._measured))
         return self._measured[name]
 
     def _output(self, name: str, resolve: Resolver) -> Node:
         if name in self._pending:
             raise ExpressionError(f"uses output '{name}', which depends on itself")
-        # An output may use other outputs; a pending output depends on itself.
+        # An output may use other outputs; an output that is pending here depends on itself.
         self._pending.append(name)
         found = self._scene.outputs[name].lower(self._dag, resolve)
         self._pending.remove(name)
@@ -292,14 +292,14 @@ def initial_values(
 ) -> dict[str, Node]:
     """Bind the initial values of a branch by short names of its coordinates and rates.
 
-    ``start`` contains default values that the scene may replace; all others are zero. Raise
-    SceneError if the branch does not have a coordinate for which the scene has an initial value.
+    ``start`` contains default values that the scene may replace; all other values are zero. Raise
+    SceneError if the scene has an initial value for a coordinate that the branch does not have.
     """
     values = {name: dag.zero for kind in space for name, _ in (*kind.coordinates, *kind.rates)}
     # The identity rotation is the quaternion (1, 0, 0, 0).
     if "q0" in values:
         values["q0"] = dag.one
-    # Initial values of the scene, set below, take precedence.
+    # Initial values of the scene are set below and take precedence.
     values |= start
     for name, given in edge.initial.items():
         if name == "rotation" and "q0" in values:
@@ -311,7 +311,7 @@ def initial_values(
                 f"scene, so it has no initial '{name}'{nearest(name, values)}"
             )
         else:
-            # All except rotations are single expressions, as the scene has checked.
+            # The scene has checked that all initial values except rotations are single expressions.
             assert isinstance(given, Expression)
             values[name] = given.lower(dag, resolve)
     return values
@@ -338,7 +338,7 @@ def guards_of(
         if may_jump(value, moving, time):
             raise FormulationError(f"{what} {breach}")
         return
-    # A negative margin means that the value jumps; constant margins are checked now.
+    # A negative margin means a jump; constant margins are checked now.
     for margin in margins(time.dag, value, time):
         if margin.value is None:
             yield Guard(margin, what, False, breach)
@@ -347,7 +347,7 @@ def guards_of(
 
 
 def is_timed(value: Node, time: Node) -> bool:
-    """Return whether only parameters and time determine the jumps of a value."""
+    """Return whether only parameters and time determine at which points a value jumps."""
     of_time = kinds_in([value]) <= {PARAMETER, TIME}
     return of_time and have_time_events(time.dag, value, [time])
 

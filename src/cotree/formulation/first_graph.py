@@ -1,7 +1,7 @@
 """The first graph: from a scene and its trees to the equations of motion, step by step.
 
-The steps are: bind the components, lump rigid clusters, f-circuits (across variables), terminal
-equations (loads), f-cutsets (through variables) projected on the motion spaces.
+The steps are: bind the components, lump rigid clusters, form f-circuits (across variables),
+terminal equations (loads), and f-cutsets (through variables) projected on the motion spaces.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def bind_events(
         targets = tuple(places[target] for target in event.set)
         new_values = range(place, place + len(targets))
         if has_impact:
-            # Constraints transmit an impact, which may change all speeds of the mechanism.
+            # Constraints transmit an impact, so it may change all speeds of the mechanism.
             targets += tuple(speeds.values())
         rows.append(
             EventRow(
@@ -134,8 +134,8 @@ def started(
 ) -> tuple[State, ...]:
     """Return the initial modes of jumps: the signs of their expressions at the initial states.
 
-    The time is zero. A mode that depends on more than parameters is set to zero here;
-    :func:`cotree.model.start.find_start` determines it.
+    The time is zero. Modes that depend on more than parameters are set to zero here;
+    :func:`cotree.model.start.find_start` determines them.
     """
     if not jumps:
         return tuple(states)
@@ -143,7 +143,7 @@ def started(
     known = {state.symbol: state.initial for state in states} | {system.time: system.dag.zero}
     for state in states:
         if state.name in jumps:
-            # In this order, since a jump may depend on the modes of earlier jumps.
+            # Evaluate in this order, since a jump may depend on the modes of earlier jumps.
             known[state.symbol] = _at_start(jumps[state.name], of_time, known)
     return tuple(
         replace(state, initial=known[state.symbol]) if state.name in jumps else state
@@ -162,22 +162,22 @@ def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, No
 
 @dataclass(frozen=True, repr=False)
 class FirstGraph:
-    """The governing equations of a scene, solved for through and across variables."""
+    """The governing equations of a scene, formed from through and across variables."""
 
     scene: SceneDescription  # the scene from which the equations were formed
-    #: Across and through variables as functions of ``unknowns``, the accelerations and multipliers.
+    #: Across and through variables in terms of ``unknowns``: accelerations and multipliers.
     motion: Motion
     loads: Loads
     view: View
     balance: Balance
-    #: Through variables along measures: first the laws of chord joints, then the multipliers.
+    #: Through variables along measures: first those of laws, then the multipliers.
     applied: tuple[Applied, ...]
     constraints: Constraints  # constraints of the chords
     holdings: tuple[HoldingRow, ...]  # equations for the multipliers of dry friction and stops
     conditions: tuple[Condition, ...]  # initial values of variables that are not states
-    measured: Mapping[Node, Node]  # values of the symbols that represent across variables in fields
+    measured: Mapping[Node, Node]  # values of the across variables that are symbols in fields
     reactions: frozenset[Node]  # symbols in ``measured`` that represent accelerations or reactions
-    unknowns: tuple[Node, ...]  # symbols of accelerations, then of multipliers
+    unknowns: tuple[Node, ...]  # symbols of the accelerations, then of the multipliers
     matrix: Sequence[Sequence[Node]]  # mass matrix, bordered by the constraint Jacobian
     forcing: tuple[Node, ...]  # right-hand side of ``matrix @ unknowns = forcing``
     is_safe: tuple[bool, ...]  # whether each pivot of the matrix is positive at every state
@@ -189,7 +189,7 @@ class FirstGraph:
     couplings: tuple[Coupling, ...] = ()  # ports through which networks act on the multibody system
     #: Whether storages of the networks, coupled to joints, contribute to the mass matrix.
     has_far_inertia: bool = False
-    #: Tree links if the unknowns are eliminated along the tree; see :func:`tree_links`.
+    #: Links of the tree if the unknowns are eliminated along it; see :func:`tree_links`.
     links: tuple[TreeLink, ...] = ()
     events: tuple[EventRow, ...] = ()
 
@@ -205,9 +205,9 @@ def form_first_graph(
     """Form the governing equations of a scene in the coordinates of its branches.
 
     Vectors of the clusters ``own_axes`` are resolved in their own axes
-    (:mod:`cotree.formulation.frames`). With ``baumgarte``, b [1/s], c'' + 2 b c' + b^2 c = 0
-    replaces c'' = 0 (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1); with zero, only
-    projection limits c.
+    (:mod:`cotree.formulation.frames`). ``baumgarte`` is the rate b, [1/s]: c'' + 2 b c' + b^2 c = 0
+    replaces c'' = 0 for a constraint c (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
+    If b is zero, only projection limits c.
 
     Raise ModelError for invalid expressions and fields, ParameterError if a constraint that no
     motion can affect is violated, SingularSystemError if a coordinate moves no inertia.
@@ -222,18 +222,18 @@ def form_first_graph(
     system = bind(scene, trees, dag, starts, names=others)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, own_axes))
-    # f-circuits (Eq. (2)) are formed twice: with zero accelerations for the right-hand side, and
-    # with symbolic accelerations for balances and outputs.
+    # Form the f-circuits (Eq. (2)) twice: with zero accelerations for the right-hand side, and with
+    # symbolic accelerations for balances and outputs.
     still = View(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
     accelerations = tuple(v.acceleration for v in system.speeds)
     view = View(motion, accelerate(motion, accelerations))
     # Networks come before the loads, since transducers act on the mechanism.
     attached = attach_network(whole, view)
     network, observed = attached.network, attached.observed
-    # Terminal equations (Eq. (3)): these laws depend on positions and velocities only.
+    # Terminal equations (Eq. (3)) of laws that depend only on positions and velocities.
     laws = [*applied_laws(motion, still), *attached.loads]
     loads = loads_of(motion, actions(motion)).plus(multiplier_loads(laws))
-    # Each chord closes an f-circuit: across variables along its reaction space are zero.
+    # Each chord closes an f-circuit, whose across variables along the reaction space are zero.
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
     holdings = form_holdings(motion, still, attached)
@@ -244,15 +244,15 @@ def form_first_graph(
         check_inertia(system, mass, constraints.gradient)
         return mass
 
-    # Elimination along the tree cannot include the inertia of storages coupled to joints.
+    # Elimination along the tree cannot include inertias of storages that are coupled to joints.
     may_wait = trees.is_one and not attached.slopes and is_deep(motion)
     mass = [] if may_wait else form_mass()
-    # f-cutsets projected on the motion spaces (Eqs. (1) and (5)): the residual is M v' - f - G^T
-    # lambda, and -f at zero accelerations and multipliers.
+    # f-cutsets, projected on the motion spaces (Eqs. (1) and (5)), have the residual M v' - f - G^T
+    # lambda, which is -f at zero accelerations and multipliers.
     at_rest = balance(motion, loads, still.across)
     applied = (*laws, *constraints.applied)
     is_safe, pivot_guards = safe_pivots(system, clusters)
-    # The same balance with symbolic unknowns, from which outputs read reactions.
+    # The same balance with symbolic unknowns; outputs read reactions from it.
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
     owners = {*whole.nodes, *whole.edges}
@@ -276,7 +276,7 @@ def form_first_graph(
         measured=measured,
         reactions=reactions,
         unknowns=(*accelerations, *constraints.multipliers, *(row.multiplier for row in holdings)),
-        # If all pivots are positive, every coordinate moves inertia.
+        # With positive pivots, every coordinate moves inertia: the matrix is only formed if needed.
         matrix=LateMatrix(
             lambda: _bordered(form_mass(), constraints, holdings, dag),
             len(is_safe),
@@ -296,7 +296,7 @@ def form_first_graph(
         rates=(
             *_kinematic_rates(system),
             *accelerations,
-            # Modes change only at events.
+            # Modes change only at events, so their rates are zero.
             *(dag.zero for _ in system.modes),
             *(network.rate_values if network else ()),
         ),
@@ -311,13 +311,13 @@ def form_first_graph(
 def _measured(
     observer: Observer, reacting: Collection[str], scene: SceneDescription
 ) -> tuple[dict[Node, Node], frozenset[Node]]:
-    """Return the across variables that fields use; also those that need accelerations."""
+    """Return the across variables in fields; also those that depend on accelerations."""
     motion, found = observer.motion, {}
     symbols = motion.system.signals.gathered()
     for name, symbol in symbols.items():
         value = observer.networks.get(name)
         if value is None:
-            # A variable of the mechanism affects the motion: an angle must not jump.
+            # A variable in a field affects the motion, so an angle must not jump.
             value = observe_motion(motion, name, is_acting=True)
         if value is not None:
             found[symbol] = value
@@ -328,14 +328,14 @@ def _measured(
                 "be used in fields of friction and dampers on joints only"
             )
     late = [name for name, symbol in symbols.items() if symbol not in found]
-    # Reactions include friction forces, which are represented by symbols.
+    # Friction forces inside reactions are symbols: replace them by their values.
     values = substitute([observer.value(name) for name in late], found)
     found |= {symbols[name]: value for name, value in zip(late, values, strict=True)}
     return found, frozenset(symbols[name] for name in late)
 
 
 def _place(name: str, scene: SceneDescription) -> str:
-    """Return a description of the field or output that uses a name, for error messages."""
+    """Describe the field or output that uses a name, for error messages."""
     values = (value for edge in scene.edges.values() for value in edge.fields.values())
     fields = (item for value in values for item in entries(value))
     users = (item.where for item in (*fields, *scene.outputs.values()) if name in item.names)
@@ -345,7 +345,7 @@ def _place(name: str, scene: SceneDescription) -> str:
 def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     """Return the links of the tree; none if pivots may vanish or the trees differ."""
     n = len(first.system.speeds)
-    # Articulated inertias require one parent for each body, and all inertia within the tree.
+    # Articulated inertias require one parent for each body, and no inertia outside the tree.
     is_tree = first.system.trees.is_one and not first.has_far_inertia
     if not (is_tree and all(first.is_safe[:n])):
         return ()
@@ -371,18 +371,18 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
 class HoldingRow:
     """The equation for the multiplier of a unilateral constraint on the mechanism.
 
-    With the edge's share s, the equation is s (J v' + b) - jump = (1 - s) multiplier: while the
-    edge holds, the relative acceleration is zero; in all other modes, the multiplier is zero.
+    The equation is s (J v' + b) - jump = (1 - s) multiplier, with ``share`` s. While the edge holds
+    (s = 1), the relative acceleration is zero; in all other modes, the multiplier is zero.
     """
 
     name: str  # name of the force
     multiplier: Node  # symbol of the multiplier
-    share: Node  # one while the edge sticks or is closed, otherwise zero
+    share: Node  # s: one while the edge sticks or is closed, otherwise zero
     jump: Node  # prescribed change of the rate in impacts, otherwise zero
     measure: Measure  # measure along which the force acts
     gradient: tuple[Node, ...]  # J: derivatives of the measure's rate with respect to the speeds
     column: tuple[Node, ...]  # generalised forces per unit of the multiplier
-    #: While the edge holds: sums of the squared terms of the gradient, which cannot cancel.
+    #: While the edge holds: for each entry of the gradient, the sum of its squared terms.
     sizes: tuple[Node, ...]
     bias: Node  # b: acceleration of the measure at zero coordinate accelerations
 
@@ -428,12 +428,12 @@ def _bordered(
     holdings: Sequence[HoldingRow],
     dag: Dag,
 ) -> tuple[tuple[Node, ...], ...]:
-    """Border the mass matrix with the constraints to the symmetric matrix [M, -G^T; -G, 0].
+    """Return the mass matrix bordered by the constraints: the symmetric matrix [M, -G^T; -G, 0].
 
-    Unilateral constraints add the rows s J, with -(1 - s) on the diagonal, and their columns.
+    Unilateral constraints add the rows s J with -(1 - s) on the diagonal, and columns.
     """
     border = _border(constraints, holdings, dag)
-    # With these signs the matrix is symmetric, as sensitivity graphs and L D L^T require.
+    # Sensitivity graphs and L D L^T require a symmetric matrix, hence these signs.
     n = len(constraints.gradient)
     upper = [
         (*row, *(b[i] for b in border[:n]), *(own.column[i] for own in holdings))
@@ -445,7 +445,7 @@ def _bordered(
 def _border(
     constraints: Constraints, holdings: Sequence[HoldingRow], dag: Dag
 ) -> list[tuple[Node, ...]]:
-    """Form the rows of constraints and unilateral multipliers below the mass matrix."""
+    """Return the rows of constraints and unilateral multipliers below the mass matrix."""
     n_held, n = len(constraints.gradient), len(constraints.gradient) + len(holdings)
     zeros = [dag.zero] * n
     rows = [(*(-entry for entry in row), *zeros) for row in constraints.gradient]
@@ -466,7 +466,7 @@ def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
 def _is_given(scene: SceneDescription, name: str) -> bool:
     edge, short = split_name(name)
     initial = scene.edges[edge].initial
-    # A scene sets all four entries of a quaternion, or none.
+    # A scene sets either all four entries of a quaternion or none.
     turn = {"q0", "q1", "q2", "q3"}
     if short in turn:
         return not (turn | {"rotation"}).isdisjoint(initial)
@@ -479,7 +479,7 @@ def _kinematic_rates(system: System) -> tuple[Node, ...]:
         for step in steps:
             speeds = [speed.symbol for speed in step.speeds]
             if isinstance(step.kind, FreeRotation):
-                # q' = q o (0, omega) / 2: there are four coordinates but three speeds.
+                # q' = q o (0, omega) / 2 yields the rates of four coordinates from three speeds.
                 rates += quaternion_rates([c.symbol for c in step.coordinates], speeds)
             else:
                 rates += speeds

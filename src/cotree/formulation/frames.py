@@ -1,9 +1,9 @@
 """The axes in which each cluster's vectors are resolved, and the geometry of moving branches.
 
-A cluster's vectors are resolved in its parent's axes or in its own axes. Ground axes for all
-clusters suit planar chains, in which rotation angles add; own axes suit spatial arms, since
-inertias are then constant. :mod:`cotree.choice` compares their costs. If the trees differ, a
-cluster has two parents, and ground axes are used.
+The vectors of a cluster are resolved either in the basis of its parent or in the cluster's axes.
+Ground axes for all clusters suit planar chains, in which rotation angles add. Cluster axes suit
+spatial arms, because inertias are then constant. :mod:`cotree.choice` compares the costs of both.
+If the trees differ, a cluster has two parents, and ground axes are used.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Frames:
     """The axes of all clusters, and transformations of vectors and tensors between them.
 
-    In a sensitivity graph the axes rotate with the seed, and values are dual numbers
+    In a sensitivity graph, the axes rotate along the seed, and values are dual numbers
     (:class:`cotree.sensitivity.turning.Turning`).
     """
 
@@ -43,7 +43,7 @@ class Frames:
 
     @property
     def turned(self) -> frozenset[int]:
-        """The clusters whose bases rotate along the seed; the first graph has none."""
+        """Clusters whose bases rotate along the seed; none in the first graph."""
         return frozenset()
 
     def up(self, cluster: int, a: Vector) -> Vector:
@@ -54,7 +54,7 @@ class Frames:
     def down(self, cluster: int, a: Vector) -> Vector:
         """Transform a vector from the parent's basis to the cluster's basis."""
         step = self.steps[cluster]
-        # The inverse of a rotation is its transpose.
+        # The transpose of a rotation is its inverse.
         return a if step is None else vector.transposed_times(step, a)
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
@@ -96,8 +96,8 @@ class Frames:
 
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
-    """Resolve the clusters in ``own_axes`` in their own axes, all others in their parents' axes."""
-    assert system.trees.is_one or not own_axes  # with two parents, neither basis is suitable
+    """Resolve the clusters in ``own_axes`` in cluster axes, all others in the parent's basis."""
+    assert system.trees.is_one or not own_axes  # with two parents, only ground axes are suitable
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
     with system.dag.labelled("f-circuits, rotation"):
@@ -109,7 +109,7 @@ def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int])
                 # The child has its own basis, in which its fields are constant.
                 steps.append(relative.matrix)
             else:
-                # The child shares its parent's basis: only its fields are transformed.
+                # The child shares the basis of its parent; only its fields are rotated.
                 rotations.append(relative)
                 steps.append(None)
     return Frames(tuple(rotations), tuple(steps))
@@ -119,14 +119,14 @@ def _turned(parent: Rotation, branch: Branch) -> Rotation:
     if not branch.turns:
         return parent
     if branch.quaternion is None:
-        # Angles about the same axis are added before sine and cosine are computed, see `then`.
+        # `then` adds angles about the same axis before sine and cosine are formed.
         angle = branch.position
         return parent.then(branch.axes[0], angle if branch.sign > 0 else -angle)
     own = of_quaternion(branch.quaternion)
-    # The quaternion rotates from the second node's axes to the first's; inwards, its inverse does.
+    # The quaternion rotates from the second node's axes to the first's; inwards, use the inverse.
     matrix = own if branch.sign > 0 else vector.transpose(own)
     if branch.mount is not None:
-        # A weld or an arm may have rotated the inner node within its cluster.
+        # A weld or an arm may rotate the inner node relative to its cluster.
         matrix = vector.matmul(branch.mount, matrix)
     return Rotation(matrix if parent.is_identity else vector.matmul(parent.matrix, matrix))
 
@@ -137,17 +137,17 @@ class Geometry:
 
     branch: Branch
     axes: tuple[Vector, ...]  # unit axes of the motion space, from first to second node
-    #: Parts of the vector between the origins that are fixed in the parent and in the child.
+    #: Parts of the vector between the origins: fixed in the parent, and fixed in the child.
     from_parent: Vector
     from_child: Vector
-    #: Motion space: the child's angular velocity and its origin's velocity per unit of each speed.
+    #: Motion space, per unit of each speed: angular velocity of the child, velocity of its origin.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
-    sliding: tuple[Vector, ...]  # part of ``shifting`` that is a translation along the axes
+    sliding: tuple[Vector, ...]  # the part of ``shifting`` that is a translation along the axes
 
     @property
     def offset(self) -> Vector:
-        """The vector from the parent's origin to the child's origin."""
+        """Vector from the parent's origin to the child's origin."""
         return vector.add(self.from_parent, self.from_child)
 
 
@@ -155,26 +155,26 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
     """Compute the geometry of a branch in the basis of its parent."""
     zero = vector.zeros(system.dag)
     axes = tuple(frames.carried(branch, axis) for axis in branch.axes)
-    # Translations of a motion space are coordinates along axes that rotate with the carrier.
+    # The coordinates of translations are displacements along axes that rotate with the carrier.
     slide = zero  # displacement in axes of the carrier
     for axis, length in zip(branch.axes, branch.slides, strict=True):
         if not length.is_zero:
             slide = vector.add(slide, vector.scale(length * branch.position, axis))
     if branch.sign > 0:
-        # The edge begins at the inner node: anchor and displacement are fixed in the parent.
+        # If the edge begins at the inner node, anchor and displacement are fixed in the parent.
         from_parent = frames.resolved(branch.parent, vector.add(branch.anchor, slide))
         from_child = zero
     else:
-        # The edge begins at the outer node: the displacement, inwards, is fixed in the child.
+        # If the edge begins at the outer node, the displacement points inwards, fixed in the child.
         from_parent = frames.resolved(branch.parent, branch.anchor)
         from_child = vector.neg(frames.carried(branch, slide))
     turning, shifting, sliding = [], [], []
     for axis, length in zip(axes, branch.slides, strict=True):
         along = vector.signed(branch.sign, axis)
-        # Speeds are positive along the edge, but sums run outwards; hence the sign.
+        # Speeds are positive along the edge, while sums run outwards: hence the sign.
         turning.append(along if branch.turns else zero)
         sliding.append(vector.scale(frames.seen(length), along))
-        # A rotation about a point of the parent also moves the part that is fixed in the child.
+        # A rotation about a point of the parent also moves the arm that is fixed in the child.
         shifting.append(vector.add(vector.cross(turning[-1], from_child), sliding[-1]))
     return Geometry(
         branch, axes, from_parent, from_child, tuple(turning), tuple(shifting), tuple(sliding)

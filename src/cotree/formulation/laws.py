@@ -41,10 +41,10 @@ if TYPE_CHECKING:
 class Applied:
     """A through variable that acts along a measure."""
 
-    #: Name of the edge, and name of the law.
+    #: Name of the edge, and name of the through variable in the edge.
     edge: str
     name: str
-    measure: Measure  # dual across variable
+    measure: Measure  # measure that is dual to the through variable
     pull: Pull  # wrenches and efforts per unit of the through variable
     magnitude: Node  # value of the through variable
     formula: Node | None = None  # law in the symbols of ``arguments``; None for a multiplier
@@ -108,7 +108,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
         return
     step = edge.component.motion_space[0]
     assert isinstance(step, Freedom)
-    # The law of a branch acts along its speed; ``through._joint_efforts`` evaluates it.
+    # If the joint is a branch, the law acts along its speed; see ``through._joint_efforts``.
     if motion.system.trees.is_branch(edge.name, step.rotates):
         return
     measure = chord_measure(motion, edge, step.name)
@@ -119,7 +119,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
     formula = law.value(motion.system.dag, {**scalars, step.name: value, f"{step.name}_dot": rate})
     if formula.is_zero:
         return
-    # A law of the angle, and not only of its rate, would jump at half a turn.
+    # A law that depends on the angle, and not only on its rate, would jump at half a turn.
     if isinstance(measure, Angle) and not tangents([formula], {value: value.dag.one})[0].is_zero:
         measure = whole_angle(motion, edge)
     stored = stored_energy(scalars, value) if "stiffness" in scalars else None
@@ -130,7 +130,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
 def stored_energy(scalars: Mapping[str, Node], at: Node) -> Node:
     """Return the energy of a linear spring at a length or an angle."""
     rest = scalars.get("free_angle", scalars.get("free_length"))
-    # Without a free length or angle, it is zero.
+    # Without ``free_length`` or ``free_angle``, the free value is zero.
     stretch = at if rest is None else at - rest
     return 0.5 * scalars["stiffness"] * (stretch * stretch)
 
@@ -142,8 +142,8 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     value, rate = _symbols(motion)
     dag = motion.system.dag
     first, second, third = (dag.symbol("measure", i) for i in range(3))
-    # 2 q_i^2, with the relative quaternion q: 1 - cos for a rotation about axis i. Unlike three
-    # successive angles, this is smooth at every orientation.
+    # 2 q_i^2 of the relative quaternion q, which is 1 - cos for a rotation about axis i. Unlike
+    # three successive angles, this is smooth at every orientation.
     bend = 0.5 * (1.0 + first - second - third)
     along = tuple(Cosine(ends, a[i], b[i]) for i in range(3))
     for i, letter in enumerate("xyz"):
@@ -172,19 +172,19 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
 
 
 def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate a user-defined law: a Python function or an expression of the scene."""
+    """Evaluate a user-defined law: a Python function, or an expression of the scene."""
     ends = chord_ends(motion, edge)
     if edge.component.acts is Acts.VELOCITY:
         yield from _against_motion(motion, edge, view)
         return
     measure: Measure = Distance(ends)
-    # A length along an axis has a sign; the distance between two nodes has none.
+    # A length along an axis has a sign; the distance between two nodes does not.
     if "axis" in edge.vectors:
         measure = AxisLength(ends, carried_by(motion, ends, 0, edge.vectors["axis"]))
     value, rate = _symbols(motion)
     law = edge.component.law
     if law is None:
-        # Within the law, its own arguments take precedence over other names.
+        # In a law, its arguments take precedence over other names.
         own, signals = {"length": value, "rate": rate}, motion.system.signals
         formula = edge.expressions["force"].lower(
             motion.system.dag, lambda name: own[name] if name in own else signals.node(name)
@@ -201,13 +201,13 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
     dag, ends = motion.system.dag, chord_ends(motion, edge)
     law = edge.component.law
     assert law is not None
-    # In axes of the nodes' common ancestor: three through variables with a common factor.
+    # Three through variables with a common factor, along the axes of the nodes' common ancestor.
     parts = [Coincidence(ends, unit) for unit in vector.identity(dag)]
     rates = [dag.symbol("measure rate", i) for i in range(3)]
     arguments = {rate: (part, True) for rate, part in zip(rates, parts, strict=True)}
     square = rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2]
     known = {**edge.scalars, "speed": dag.function("sqrt", square), "t": motion.system.time}
-    # The division by the speed is symbolic, which avoids 0 / 0 at rest if the limit exists.
+    # Dividing by the speed symbolically avoids 0 / 0 at rest if the limit exists.
     factor = law.over("speed").value(dag, known)
     for letter, part, rate in zip("xyz", parts, rates, strict=True):
         yield _act(edge, f"{edge.name}.{letter}", part, factor * rate, arguments, view)
@@ -220,15 +220,15 @@ class JointElement:
     #: Name of the edge, and its component type.
     edge: str
     type: str
-    turns: bool  # whether it prescribes a rotation, not a translation
+    turns: bool  # whether it prescribes a rotation instead of a translation
 
 
 @dataclass(frozen=True)
 class PrescribedRate:
-    """A coordinate whose rate is prescribed, but not its value."""
+    """A coordinate whose rate is prescribed, while its value is free."""
 
     measure: Measure  # the coordinate as a measure
-    #: The prescribed rate, a function of parameters and time, and the symbol of time.
+    #: The prescribed rate, a function of parameters and time; symbol of time.
     speed: Node
     time: Node
 
@@ -262,8 +262,8 @@ def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
 
 
 def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
-    """Return the measure of ``joint`` or ``joint.coordinate``, on which a component acts."""
-    # The name of a joint within a part contains dots.
+    """Return the measure of ``joint`` or ``joint.coordinate`` on which a component acts."""
+    # The name of a joint in a part contains dots.
     joint, wanted = (place, "") if place in motion.system.edges else split_name(place)
     joint, wanted = (joint, wanted) if joint else (wanted, "")
     edge = motion.system.edges.get(joint)
@@ -272,7 +272,7 @@ def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
         raise SceneError(
             f"edge '{element.edge}' acts on the unknown joint '{joint}'{nearest(joint, known)}"
         )
-    # Components act on revolute or sliding joints; a free rotation has no single angle.
+    # A component acts on a single angle or displacement, which a free rotation does not have.
     steps = [step for step in edge.component.motion_space if isinstance(step, Freedom)]
     known = [step.name for step in steps if step.rotates is element.turns]
     names = [name for name in known if wanted in ("", name)]
@@ -290,7 +290,7 @@ def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
 def _joint_message(
     element: JointElement, joint: BoundEdge, wanted: str, known: Sequence[str], has_others: bool
 ) -> str:
-    """Return the reason why a component cannot act on a joint, and the joints on which it can."""
+    """Return a message: why a component cannot act on a joint, and on which joints it can act."""
     own = f"edge '{element.edge}'"
     does, what = ("turns", "angle") if element.turns else ("slides", "length")
     on = f"joint '{joint.name}' of type '{joint.component.name}'"

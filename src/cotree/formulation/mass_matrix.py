@@ -5,7 +5,7 @@ this inertia is positive definite for every joint, so are the mass matrix in eve
 all its Schur complements: the cluster velocities are a linear map of the coordinate velocities,
 whose matrix is block triangular from the ground outwards, with injective diagonal blocks. This
 requires that no cluster has negative kinetic energy; otherwise the pivots of all joints that move
-it are unsafe.
+this cluster are unsafe.
 
 If the trees differ, the clusters beyond a branch do not move as one body and have no composite
 inertia. But all mass that the translation tree carries beyond a branch moves with the branch's
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
 
 
-#: Largest gap between nodes, [m] or [rad], that counts as a rounding error if no motion closes it.
+#: A gap between nodes, [m] or [rad], up to this size is a rounding error if no motion closes it.
 _LARGEST_GAP = 1e-9
 
 
@@ -49,7 +49,7 @@ def check_inertia(
     system: System, matrix: Sequence[Sequence[Node]], gradient: Sequence[Sequence[Node]]
 ) -> None:
     """Raise SingularSystemError if neither inertia nor a constraint determines a coordinate."""
-    # This structural test has a clear message; rows that vanish in some states fail at run time.
+    # A structural test, for a clear message. Rows that vanish only in some states fail at run time.
     for speed, row in zip(system.speeds, matrix, strict=True):
         held = (constraint[speed.index] for constraint in gradient)
         if all(entry.is_zero for entry in (*row, *held)):
@@ -67,7 +67,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
     for row in rows:
         gap = row.measure.value(view)
         kinds = set() if gap is None else {symbol.data[0] for symbol in symbols_in([gap])}
-        # Parameters alone cannot violate a constraint that has only a rate or depends on states.
+        # A constraint on rates, or one that depends on states, is not violated by parameters alone.
         if gap is None or not kinds <= {"p", "t"}:
             continue
         guard = Guard(
@@ -80,7 +80,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
                 "joint that moves in this direction"
             ),
         )
-        # Guards are functions of parameters only, so a gap that depends on time has none.
+        # Guards depend on parameters only: a gap that depends on time cannot have one.
         if "t" in kinds:
             raise ParameterError(guard.demand)
         if guard.value.value is None:
@@ -91,14 +91,14 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
 
 
 def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
-    """Return whether each coordinate moves inertia of its joint's cluster, and the guards."""
+    """Return whether each coordinate moves inertia of its joint's cluster, and guards for this."""
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
-    # A tensor with negative energy reduces the inertia of every joint that moves it.
+    # Negative energy of a cluster reduces the inertia of every joint that moves it.
     unsafe = _below(clusters, _unreal(system, clusters))
     for branches in _by_cluster(clusters):
         own = _own_inertias(system, clusters, branches)
-        # These are positive at the scene's values; guards detect changes of parameters.
+        # Positive for the values in the scene; guards detect violations by other parameters.
         is_safe = bool(own) and all(0.0 < system.at_scene(node) < math.inf for node in own)
         is_safe = is_safe and unsafe.isdisjoint(branch.child for branch in branches)
         if is_safe:
@@ -117,7 +117,7 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
     for cluster, inertia in enumerate(clusters.inertias):
         if inertia is not None and not _is_real(system, inertia.tensor, inertia):
             found.append(cluster)
-    # Other values may not compensate for an impossible tensor, which has no guard.
+    # An impossible tensor has no guard, so other values must not compensate for it.
     for body in system.bodies:
         if body.inertia is None or _is_real(system, body.inertia):
             continue
@@ -129,17 +129,17 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
 
 
 def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> bool:
-    """Return whether every rotation of a tensor has positive energy at the scene's values."""
+    """Return whether all rotations have nonnegative energy for the values in the scene."""
     try:
         central = np.array([[system.at_scene(entry) for entry in row] for row in tensor])
         room = ROUNDING * np.trace(central)
         mass = 0.0 if inertia is None else system.at_scene(inertia.mass)
         if inertia is not None and mass:
             moment = np.array([system.at_scene(entry) for entry in inertia.moment])
-            # Steiner: about its centre of mass, a real body's tensor has no negative eigenvalue.
+            # Steiner: about the centre of mass, a real body's tensor has no negative eigenvalue.
             central -= (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
         if system.plane:
-            # In planar motion, rotations are about the plane's normal only.
+            # In planar motion, only rotations about the plane's normal occur.
             axis = "xyz".index(system.plane)
             return bool(mass >= 0.0 and central[axis, axis] >= -room)
         return bool(mass >= 0.0 and np.linalg.eigvalsh(central)[0] >= -room)
@@ -156,19 +156,19 @@ def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
         if cluster and cluster not in found:
             found.add(cluster)
             branch = clusters.to(cluster)
-            # Any motion that carries or rotates the cluster gives it kinetic energy.
+            # Motions that carry or rotate the cluster give it kinetic energy.
             waiting += [branch.parent, branch.turn_parent]
     return found
 
 
 def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
-    """Group the branches by the cluster with nodes to which they lead, from the ground outwards."""
+    """Group the branches by the joint that they form, from the ground outwards."""
     held = {point.cluster for point in clusters.points.values()}
     found: list[list[Branch]] = []
     own: list[Branch] = []
     for branch in clusters.branches:
         own.append(branch)
-        # A joint of several steps is one motion; its massless intermediate clusters have no nodes.
+        # The massless clusters between the steps of a joint have no nodes.
         if branch.child in held:
             found.append(own)
             own = []
@@ -190,13 +190,13 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
             return sliding
         centre = vector.scale(1.0 / inertia.mass, inertia.moment)
         central = carried_inertia(inertia, vector.neg(centre)).tensor
-        # Several axes may span all directions, so the central tensor must be positive definite.
+        # Several axes may span all directions: the central tensor must be positive definite.
         if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
         if turning[0] is not branches[-1]:
             return []  # the axis rotates relative to the cluster
         axis = turning[0].axes[0]
-        # With free translations, a rotation about the centre of mass has the least energy.
+        # With free translations, rotations about the centre of mass have the least energy.
         return [*sliding, vector.dot(axis, vector.times(central, axis))]
 
 
@@ -205,7 +205,7 @@ def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
     axis, zero = branch.axes[0], vector.zeros(system.dag)
     turning = axis if branch.turns else zero
     shifting = vector.scale(branch.slides[0], axis)
-    # About an axis through the cluster's origin, which is the joint's outer node.
+    # The origin of the cluster, through which the axis passes, is the joint's outer node.
     wrench = unit_wrench(inertia, turning, shifting)
     return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
 
@@ -225,11 +225,11 @@ def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
     for geometry in motion.geometry:
         for i, speed in enumerate(geometry.branch.speeds):
             with dag.labelled(f"mass matrix, column of {speed.edge}"):
-                # Forces of the accelerated masses, then couplings of rotations and translations.
+                # Forces of accelerated masses, then couplings of rotations and translations.
                 pull = _forces(motion, bodies, geometry, i)
                 rows = _own(motion, bodies, tensors, geometry, i)
                 for row, entry in enumerate(along_speeds(motion, pull)):
-                    # An acceleration of the carrier has the same effect on all carried clusters.
+                    # An acceleration of the carrier affects all carried clusters equally.
                     matrix[row][speed.index] = matrix[row][speed.index] + entry
                     matrix[speed.index][row] = matrix[speed.index][row] + entry
                 for row, entry in rows.items():
@@ -240,13 +240,13 @@ def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
 
 
 def _augmented(motion: Motion) -> list[Inertia | None]:
-    """Add to each cluster the mass that it carries, as point masses in ground axes."""
+    """Add to each cluster the mass that it carries, as point masses; results are in ground axes."""
     bodies = list(motion.clusters.inertias)
     for geometry in reversed(motion.geometry):
         branch = geometry.branch
         own = bodies[branch.child]
         if own is not None:
-            # The sum is in the cluster's own axes, in which the arms are constant.
+            # Sum in axes of the cluster, in which the arms are constant.
             mass = shifted(own.mass, _arm(branch), None)
             bodies[branch.parent] = combined(bodies[branch.parent], mass)
     axes = motion.frames.rotations
@@ -264,7 +264,7 @@ def _arm(branch: Branch) -> Vector:
 
 
 def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matrix | None]:
-    # A torque on a cluster acts on all rotations that move it, so tensors add along their tree.
+    # A torque on a cluster acts on all rotations that move it: tensors are summed along their tree.
     tensors = [None if body is None else body.tensor for body in bodies]
     for geometry in reversed(motion.geometry):
         parent, own = geometry.branch.turn_parent, tensors[geometry.branch.child]
@@ -275,10 +275,10 @@ def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matri
 
 
 def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i: int) -> Pull:
-    """Compute the forces due to a unit acceleration, and the clusters on which they act."""
+    """Return the forces due to a unit acceleration, with the clusters on which they act."""
     branch, zero = geometry.branch, vector.zeros(motion.system.dag)
     wrenches = []
-    # All clusters that rotate with the branch: one pass, since parents come first.
+    # All clusters that rotate with the branch, in one pass because parents come first.
     turned = {branch.child} if branch.turns else set()
     for other in motion.geometry:
         if other.branch.turn_parent in turned:
@@ -286,11 +286,11 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
     for cluster in sorted(turned):
         body = bodies[cluster]
         if body is not None:
-            # alpha x h: the augmented first moment h contains all mass that this accelerates.
+            # alpha x h, with the augmented first moment h of all mass that alpha accelerates.
             wrenches.append((cluster, vector.cross(geometry.turning[i], body.moment), zero))
     body, shifting = bodies[branch.child], geometry.shifting[i]
     if body is not None and branch.parent and not vector.is_zero(shifting):
-        # The speeds of the branch itself are treated in _own.
+        # _own has the entries for the speeds of the branch itself.
         force = vector.scale(body.mass, shifting)
         wrenches.append((branch.parent, force, vector.cross(geometry.offset, force)))
     return Pull(tuple(wrenches))
@@ -303,7 +303,7 @@ def _own(
     geometry: Geometry,
     i: int,
 ) -> dict[int, Node]:
-    """Return a speed's matrix entries for its own branch and the rotations that carry it."""
+    """Return a speed's matrix entries for its own branch and for the rotations that carry it."""
     branch = geometry.branch
     found: dict[int, Node] = {}
     tensor, body = tensors[branch.child], bodies[branch.child]
@@ -313,19 +313,19 @@ def _own(
         for other in motion.clusters.turning_path(branch.child):
             outer = motion.to(other.child).turning
             for k, speed in enumerate(other.speeds):
-                # Entries within one branch are computed once; the caller fills in the transpose.
+                # Compute entries within a branch once; the caller fills in the transpose.
                 if other is not branch or k <= i:
                     found[speed.index] = vector.dot(outer[k], torque)
     if body is not None and not vector.is_zero(geometry.shifting[i]):
         at, shifting = branch.speeds[i].index, geometry.shifting[i]
-        # The carried mass adds to the branch's translation; _forces adds entries further inwards.
+        # Add the carried mass to the branch's translation; _forces adds entries further inwards.
         push = body.mass * vector.dot(shifting, shifting)
         found[at] = found[at] + push if at in found else push
     return found
 
 
-# Limit of the mean squared depth of the speeds, the number of operations per speed with the matrix.
-# Elimination along the tree needs 90 (planar) to 600.
+# Limit of the mean squared depth of the speeds, which is the number of operations per speed with
+# the matrix. Elimination along the tree needs 90 (planar) to 600 (spatial).
 _DEEP = 1000.0
 
 
@@ -336,13 +336,13 @@ def is_deep(motion: Motion) -> bool:
         branch = geometry.branch
         below = depths[branch.parent]
         depths[branch.child] = below + len(branch.speeds)
-        # A speed at depth d is coupled with d speeds above it; elimination changes d^2 entries.
+        # A speed at depth d is coupled to d speeds above it, so elimination changes d^2 entries.
         squares += [depth**2 for depth in range(below + 1, depths[branch.child] + 1)]
     return sum(squares) > _DEEP * len(squares)
 
 
 class LateMatrix(Sequence[Sequence["Node"]]):
-    """A bordered mass matrix whose first ``n`` rows, with n^2 entries, are formed on first use."""
+    """A bordered mass matrix; the first ``n`` rows, with n^2 entries, are formed on first use."""
 
     def __init__(
         self, form: Callable[[], Sequence[Sequence[Node]]], n: int, border: Sequence[Sequence[Node]]

@@ -1,9 +1,9 @@
 """Measures: scalar across variables with their rates, and the dual through variables.
 
 The pull of a measure consists of the forces and torques on clusters and coordinates per unit of the
-dual through variable; its power is the rate of the measure. A constraint keeps a measure at zero,
-and its multiplier acts along the pull. Laws of chord joints, couplings, prescribed motions and
-outputs also use measures.
+dual through variable; the power of the pull is the rate of the measure. A constraint keeps a
+measure at zero; its multiplier acts along the pull. Laws of chord joints, couplings, prescribed
+motions and outputs also use measures.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 class Pull:
     """Wrenches on clusters, and efforts along speeds, per unit of a through variable."""
 
-    #: Wrenches on clusters, at their origins and in their bases, except on the ground.
+    #: Wrenches on clusters except the ground, at the clusters' origins and in their bases.
     wrenches: tuple[tuple[int, Any, Any], ...] = ()
     efforts: Mapping[int, Any] = field(default_factory=dict)  # effort by index of its speed
 
@@ -54,7 +54,7 @@ class Pull:
     def plus(self, other: Pull) -> Pull:
         """Return the sum of this pull and another one."""
         efforts = dict(self.efforts)
-        # Wrenches are only listed, since they are summed later; efforts along one speed are added.
+        # Wrenches are only listed and summed later; efforts along the same speed are added here.
         for index, effort in other.efforts.items():
             efforts[index] = efforts[index] + effort if index in efforts else effort
         return Pull((*self.wrenches, *other.wrenches), efforts)
@@ -71,7 +71,7 @@ class Ends:
     @classmethod
     def of(cls, clusters: Clusters, first: Point, second: Point) -> Ends:
         """Return two nodes with their nearest common ancestor."""
-        # The ancestor moves both nodes equally, so its motion cancels and is omitted.
+        # The ancestor moves both nodes equally, so its motion cancels.
         return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
 
     def _between(self, see: Any) -> Any:
@@ -90,12 +90,12 @@ class Ends:
         return self._between(view.acceleration)
 
     def arm(self, view: View, end: int) -> Any:
-        """Return the vector from a cluster's origin to a node, in the ancestor's basis."""
+        """Return the vector from a cluster's origin to its node, in the ancestor's basis."""
         point = (self.first, self.second)[end]
         return view.fixed(point.cluster, point.local, self.ancestor)
 
     def spin(self, view: View) -> Any:
-        """Return the relative angular velocity."""
+        """Return the angular velocity of the second node relative to the first."""
         a, b = self.first.cluster, self.second.cluster
         return vector.sub(view.omega(b, self.ancestor), view.omega(a, self.ancestor))
 
@@ -106,7 +106,7 @@ class Ends:
 
 
 class Facing(Protocol):
-    """A direction that may change with time."""
+    """A direction that may depend on time."""
 
     def value(self, view: View) -> Any:
         """Return the vector."""
@@ -117,7 +117,7 @@ class Facing(Protocol):
 
 @dataclass(frozen=True)
 class Carried:
-    """A vector in node axes, possibly time-dependent, and its derivatives in inertial axes."""
+    """A vector in node axes that may depend on time, with derivatives in inertial axes."""
 
     point: Point
     local: Vector
@@ -127,7 +127,7 @@ class Carried:
     @cached_property
     def _locals(self) -> tuple[Vector, Vector, Vector]:
         """The vector and its two explicit time derivatives, in cluster axes."""
-        # Axes and vectors of constraints may depend on time.
+        # Axes and vectors of constraints may depend on time explicitly.
         seed = {self.time: self.time.dag.one}
         own = self.point.resolved(self.local)
         first = tangents(own, seed)
@@ -166,8 +166,8 @@ def pair_pull(
 ) -> Pull:
     """Return a force and a torque on the second node, and their opposites on the first node.
 
-    Both are in the basis of the nodes' common ancestor. ``arms`` are the vectors from the clusters'
-    origins to the points of action, by default the nodes.
+    Force and torque are in the basis of the nodes' common ancestor. ``arms`` are the vectors from
+    the clusters' origins to the points of action, which by default are the nodes.
     """
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
@@ -175,11 +175,11 @@ def pair_pull(
         # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
-        # A cluster's wrenches are summed at its origin, so this is the moment about the origin.
+        # Wrenches of a cluster are summed at its origin: use the moment about the origin.
         whole = torque if force is None else vector.cross(arm, force)
         if force is not None and torque is not None:
             whole = vector.add(whole, torque)
-        # A zero of the same type: nodes in the first graph, dual numbers in sensitivity graphs.
+        # Difference of equal terms: a zero that is a dual number in sensitivity graphs.
         pushed = vector.sub(whole, whole) if force is None else force
         found.append(
             (
@@ -193,7 +193,7 @@ def pair_pull(
 
 def pull_in_place(view: View, ends: Ends, axis: Facing, beyond: Any | None = None) -> Pull:
     """Return a force along ``axis`` and its reaction, both at ``beyond`` from the second node."""
-    # The arms lead from the origins of both clusters to the second node.
+    # Both arms lead to the second node, one from the origin of each cluster.
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
     if beyond is not None:
         arms = vector.add(arms[0], beyond), vector.add(arms[1], beyond)
@@ -249,7 +249,7 @@ class CoordinateMeasure:
 
     def pull(self, view: View) -> Pull:
         """Return a unit effort along the coordinate."""
-        # The power of the pull must equal the rate, which is the speed itself.
+        # The power of a unit effort is the speed, which is the rate of the measure.
         return Pull(efforts={self.speed.index: view.scalar(self.speed.symbol.dag.one)})
 
 
@@ -257,7 +257,7 @@ class CoordinateMeasure:
 class Coincidence:
     """A component of the vector between two nodes that a constraint keeps at one point.
 
-    Since the vector and its rates are zero, any axis of the ancestor's basis may be used.
+    Since the vector and its rates are zero, ``direction`` may be any axis of the ancestor's basis.
     """
 
     ends: Ends
@@ -280,13 +280,13 @@ class Coincidence:
 
     def pull(self, view: View) -> Pull:
         """Return a unit force along the direction, and its reaction."""
-        # The nodes coincide if the constraint is satisfied, so opposite forces have no moment.
+        # If the constraint is satisfied, the nodes coincide, and opposite forces have no moment.
         return pair_pull(view, self.ends, self._along(view), None)
 
 
 @dataclass(frozen=True)
 class AxisLength:
-    """The component of the vector between two nodes along an axis that is fixed in a node."""
+    """Component of the vector between two nodes along an axis that is fixed in a node."""
 
     ends: Ends
     axis: Carried
@@ -315,7 +315,7 @@ class AxisLength:
 
     def pull(self, view: View) -> Pull:
         """Return a force along the axis on the second node, and its reaction at the same point."""
-        # The axis rotates with its node. e'.r is the power of the reaction's moment, since the
+        # e'.r is the power of the reaction's moment: the axis rotates with its node, and the
         # reaction acts on the first body at the position of the second node.
         return pull_in_place(view, self.ends, self.axis)
 
@@ -347,7 +347,7 @@ class Distance:
 
     def pull(self, view: View) -> Pull:
         """Return opposite forces that push the nodes apart."""
-        # Both nodes are on the line, so opposite forces along it have no moment.
+        # Both nodes are on the line of the forces, which therefore have no moment.
         return pair_pull(view, self.ends, self._polar(view)[1], None)
 
 
@@ -364,7 +364,7 @@ class Cosine:
         return vector.dot(self.a.value(view), self.b.value(view))
 
     def _moment(self, view: View) -> Any:
-        # From a' = omega_a x a and b' = omega_b x b follows (a.b)' = (b x a).(omega_b - omega_a).
+        # a' = omega_a x a and b' = omega_b x b lead to (a.b)' = (b x a).(omega_b - omega_a).
         return vector.cross(self.b.value(view), self.a.value(view))
 
     def rate(self, view: View) -> Any:
@@ -377,7 +377,7 @@ class Cosine:
             vector.cross(self.b.rate(view), self.a.value(view)),
             vector.cross(self.b.value(view), self.a.rate(view)),
         )
-        # b x a changes as both bodies rotate, hence the second term.
+        # b x a changes because both bodies rotate, hence the second term.
         return vector.dot(self._moment(view), self.ends.turn(view)) + vector.dot(
             moving, self.ends.spin(view)
         )
@@ -399,7 +399,7 @@ class Spin:
         return None
 
     def rate(self, view: View) -> Any:
-        """Return the relative spin about the axis."""
+        """Return the relative angular velocity about the axis."""
         return vector.dot(self.axis.value(view), self.ends.spin(view))
 
     def acceleration(self, view: View) -> Any:
@@ -415,12 +415,12 @@ class Spin:
 
 @dataclass(frozen=True)
 class Angle(Spin):
-    """The angle of the second node relative to the first, about a unit axis fixed in both nodes."""
+    """Angle of the second node relative to the first, about a unit axis fixed in both nodes."""
 
-    #: Directions perpendicular to the axis, fixed in each node, which coincide at angle zero.
+    #: Directions perpendicular to the axis, one fixed in each node; they coincide at angle zero.
     reference: Carried
     mark: Carried
-    #: Sum of the angles if all rotations are about one axis; otherwise None (range -pi to pi).
+    #: Sum of the angles if all rotations are about one axis; else None: angle between -pi and pi.
     sum: Node | None = None
 
     def value(self, view: View) -> Any:
@@ -428,7 +428,7 @@ class Angle(Spin):
         if self.sum is not None:
             return view.scalar(self.sum)
         reference, mark = self.reference.value(view), self.mark.value(view)
-        # Both directions are perpendicular to the axis: sine and cosine determine the angle.
+        # Both directions are perpendicular to the axis, so sine and cosine determine the angle.
         sine = vector.dot(self.axis.value(view), vector.cross(reference, mark))
         return function("atan2", sine, vector.dot(reference, mark))
 
@@ -443,7 +443,7 @@ class Composite:
 
     @cached_property
     def _symbols(self) -> tuple[tuple[Node, ...], ...]:
-        """The symbols of the measures, of their rates and of their accelerations."""
+        """Symbols of the measures, of their rates and of their accelerations."""
         kinds = ("measure", "measure rate", "measure acceleration")
         n, dag = len(self.parts), self.time.dag
         return tuple(tuple(dag.symbol(kind, i) for i in range(n)) for kind in kinds)
@@ -458,34 +458,34 @@ class Composite:
     def _acceleration(self) -> Node:
         values, rates, second = self._symbols
         seed = dict(zip(values, rates, strict=True)) | {self.time: self.time.dag.one}
-        # A rate depends on values, rates and time: differentiate with respect to all three.
+        # A rate depends on values, rates and time: differentiate with respect to all of them.
         return tangents([self._rate], seed | dict(zip(rates, second, strict=True)))[0]
 
     def _arguments(self, view: View, order: int) -> dict[Node, Any]:
         forms = ("value", "rate", "acceleration")[: order + 1]
         return {
             symbol: getattr(part, form)(view)
-            # Values and rates do not need the symbols of accelerations, so lengths may differ.
+            # Values and rates need no symbols of accelerations, so lengths may differ.
             for form, symbols in zip(forms, self._symbols, strict=False)
             for part, symbol in zip(self.parts, symbols, strict=True)
         }
 
     def value(self, view: View) -> Any:
-        """Substitute the values of the measures."""
+        """Return the function of the measures' values."""
         return view.formula(self.expression, self._arguments(view, 0))
 
     def rate(self, view: View) -> Any:
-        """Substitute the measures and their rates."""
+        """Return the time derivative of the function."""
         return view.formula(self._rate, self._arguments(view, 1))
 
     def acceleration(self, view: View) -> Any:
-        """Substitute the measures, their rates and accelerations."""
+        """Return the second time derivative of the function."""
         return view.formula(self._acceleration, self._arguments(view, 2))
 
     def pull(self, view: View) -> Pull:
         """Return the sum of the measures' pulls, each times its partial derivative."""
         total = Pull()
-        # The explicit time dependence has no power through the pull.
+        # The explicit dependence on time has no power through the pull.
         values = self._symbols[0]
         for part, symbol in zip(self.parts, values, strict=True):
             partial = tangents([self.expression], {symbol: symbol.dag.one})[0]
