@@ -276,7 +276,7 @@ def cut_into_blocks(
 
 
 def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
-    """Yield all statements except pure declarations."""
+    """Yield all statements, with their comments, except pure declarations."""
     comment = ""
     for row in statements:
         if isinstance(row, Comment):

@@ -82,7 +82,7 @@ class KernelFile:
     digest: str
     uses_math: bool
     uses_solve: bool
-    definite_sizes: list[int]  # sizes of symmetric systems with unrolled code
+    definite_sizes: list[int]  # sizes of symmetric systems solved by straight-line code
     tables: list[Constants]
     lookups: list[str]
     functions: list[str]

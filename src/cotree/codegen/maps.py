@@ -58,7 +58,7 @@ class Segments:
 
 @dataclass
 class _Segment:
-    """Statements that are zero in the same blocks of columns (a zero bit in ``blocks``)."""
+    """Statements whose values are zero in the same blocks of columns: zero bits in ``blocks``."""
 
     blocks: int
     nodes: list[Node]
@@ -220,7 +220,7 @@ _SKIPPED = 0.15
 #: Maximum number of operations in a block. With blocks of 500, a map of 2261 operations compiles
 #: with a third of the instructions and runs a fifth faster in vectors of four (gcc 12).
 _LONGEST_BLOCK = 500
-#: Maximum number of operations in a block if two vectors are interleaved to hide latency.
+#: Maximum number of operations in a block if two vectors are interleaved, which hides latency.
 _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # minimum number of statements; if fewer, too many values cross blocks
 

@@ -226,7 +226,7 @@ def _pulse(
     # ``s`` is the time since the start of the current period; negative before the first pulse.
     count = floor(larger((t - delay) / period, 0))
     s = t - delay - period * count
-    # Each interval begins where the previous one ends.
+    # Each interval of the pulse begins where the previous one ends.
     falling = select(s - (rise + width + fall), 0, 1 - (s - rise - width) / fall)
     share = select(-s, 0, select(s - rise, select(rise + width - s, 1, falling), s / rise))
     return low + (high - low) * share

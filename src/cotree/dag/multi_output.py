@@ -296,7 +296,7 @@ NULL_TOLERANCE = 1e-9
 class SolveShape:
     """Size of a linear system, and the requirements that its solution must meet."""
 
-    size: int  # number of unknowns of the solve
+    size: int  # number of unknowns
     n_determined: int  # number of leading unknowns that must be unique
     #: Fraction of the largest entry below which a pivot counts as zero.
     tolerance: float = RANK_TOLERANCE

@@ -470,7 +470,7 @@ INPUT = "u"
 PARAMETER = "p"
 #: Symbol of the derivative of state i with respect to parameter or initial value j; index j n + i.
 SENSITIVITY = "s"
-#: The same, but numbered without the derivatives that are identically zero.
+#: Symbol of a sensitivity, numbered without those that are identically zero.
 PACKED_SENSITIVITY = "packed"
 #: Symbol of the rate of a state, in derivatives along the motion.
 STATE_RATE = "rate"

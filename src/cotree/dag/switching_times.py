@@ -31,8 +31,8 @@ _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 #: Operations that may be nearly zero during most of a period; if states enter, steps are limited.
 _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 
-#: Minimum number of steps per period of a sine of time in this case: a rectifier conducts for at
-#: least a twentieth of the period.
+#: Minimum number of steps per period of a sine of time if such operations depend on states. For
+#: example, a rectifier conducts for at least a twentieth of the period.
 _SHARES = 32.0
 
 #: Maximum number of linear pieces of a value; the error test of steps handles all other kinks.

@@ -87,13 +87,13 @@ class Motion:
 
     @cached_property
     def positions(self) -> Circuits:
-        """Position circuits between cluster origins."""
+        """Sums of the branches' vectors between cluster origins."""
         known = None if self.first is None else self.first.positions
         return Circuits(self, lambda branch: self.to(branch.child).offset, known)
 
     @cached_property
     def velocities(self) -> Circuits:
-        """Velocity circuits between cluster origins."""
+        """Sums of the branches' velocities between cluster origins."""
         known = None if self.first is None else self.first.velocities
         return Circuits(self, self._branch_velocity, known)
 

@@ -77,7 +77,7 @@ def check_numbers(first: FirstGraph) -> None:
     names = list(system.tunable)
     for guard in first.guards:
         number = system.at_scene(guard.value)
-        # Infinity must be an error too: nan violates every guard.
+        # Infinity is replaced by nan, which violates every guard.
         guard.named(names).check(number if np.isfinite(number) else np.nan)
     # Pivots that are certainly positive need no numerical test.
     if all(first.is_safe[: len(system.speeds)]):

@@ -32,7 +32,7 @@ class Wrench:
     torque: Vector
 
     def plus(self, other: Wrench) -> Wrench:
-        """Add another wrench at the same origin."""
+        """Return the sum of this wrench and another one at the same origin."""
         return Wrench(vector.add(self.force, other.force), vector.add(self.torque, other.torque))
 
     def minus(self) -> Wrench:

@@ -228,7 +228,7 @@ class PrescribedRate:
     """A coordinate whose rate is prescribed, while its value is free."""
 
     measure: Measure  # the coordinate as a measure
-    #: The prescribed rate, a function of parameters and time; symbol of time.
+    #: Prescribed rate as a function of parameters and time, and the symbol of time.
     speed: Node
     time: Node
 

@@ -1,4 +1,4 @@
-"""Outputs, and the values of all observable names with their units."""
+"""Outputs, and all observable names with their values and units."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ DRIVE = "drive"
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
     """Return the position or velocity ``node.variable`` or ``edge.coordinate``, or None.
 
-    If ``is_acting``, the value affects the motion; FormulationError is then raised for an angle
-    that is known only between -pi and pi.
+    If ``is_acting``, the value affects the motion: raise FormulationError for an angle that is
+    known only between -pi and pi.
     """
     first, last = split_name(name)
     edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
@@ -77,7 +77,7 @@ def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: boo
     measure = chord_measure(motion, edge, name)
     if measure is None:
         return None
-    # A measure has a value and a rate; the name selects one of them.
+    # The name selects either the value or the rate of a measure.
     is_value = any(name == n for step in edge.component.motion_space for n, _ in step.coordinates)
     if is_acting and is_value and isinstance(measure, Angle):
         measure = whole_angle(motion, edge)
@@ -103,13 +103,13 @@ def _axes(motion: Motion, point: Point) -> Matrix:
 def _orientation(axes: Matrix, name: str) -> Node:
     """Return an entry of the rotation matrix, or a roll, pitch or yaw angle."""
     dag = axes[0][0].dag
-    # R = Rz(yaw) Ry(pitch) Rx(roll): the last row is (-sin p, cos p sin r, cos p cos r).
+    # R = Rz(yaw) Ry(pitch) Rx(roll) has the last row (-sin p, cos p sin r, cos p cos r).
     roll = dag.function("atan2", axes[2][1], axes[2][2])
     if name == "roll":
         return roll
     if name == "yaw":
-        # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), even if
-        # the pitch is a right angle and the roll is arbitrary.
+        # R Rx(-roll) = Rz(yaw) Ry(pitch) has the second column (-sin yaw, cos yaw, 0), even if
+        # pitch is a right angle and roll is arbitrary.
         sine, cosine = dag.function("sin", roll), dag.function("cos", roll)
         return dag.function(
             "atan2",
@@ -117,7 +117,7 @@ def _orientation(axes: Matrix, name: str) -> Node:
             axes[1][1] * cosine - axes[1][2] * sine,
         )
     if name == "pitch":
-        # The root is |cos p|, so that pitch lies between -pi/2 and pi/2.
+        # The root is |cos p|: pitch is between -pi/2 and pi/2.
         flat = dag.function("sqrt", axes[2][1] * axes[2][1] + axes[2][2] * axes[2][2])
         return dag.function("atan2", -axes[2][0], flat)
     return axes[int(name[1]) - 1][int(name[2]) - 1]
@@ -139,7 +139,7 @@ class Observer:
 
     @property
     def motion(self) -> Motion:
-        """Positions and velocities."""
+        """Positions and velocities of the multibody system."""
         return self.view.motion
 
     def value(self, name: str) -> Node:
@@ -159,7 +159,7 @@ class Observer:
 
     def _unknown(self, name: str) -> str:
         system = self.motion.system
-        # The variable name of one of several ports contains a dot after the owner's name.
+        # The variable of one of several ports has a dot in its name, after the edge's name.
         first = owner_among(name, {*self.owners, *system.edges}) or split_name(name)[0]
         last = name[len(first) + 1 :] if first else ""
         if first in self.motion.clusters.points:
@@ -169,7 +169,7 @@ class Observer:
             known += [
                 *EDGE_VARIABLES,
                 *([DRIVE] if "motion" in system.edges[first].scalars else []),
-                # The variables of a contact are in its network.
+                # A contact's variables are in its network.
                 *(self.names.of_edge(first) if self.names is not None else ()),
             ]
             return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"
@@ -200,7 +200,7 @@ class Observer:
         if edge is None:
             return None
         if last == DRIVE:
-            # A prescribed motion is a constraint; its multiplier is the drive.
+            # A prescribed motion is a constraint, and its multiplier is the drive.
             own = [row for row in self.applied if row.name == f"{first}.motion"]
             return own[0].magnitude if own else None
         if last not in EDGE_VARIABLES:
@@ -212,13 +212,13 @@ class Observer:
         return wrench.force[i] if last[0] == "f" else wrench.torque[i]
 
     def _power(self, edge: BoundEdge, wrench: Wrench) -> Node:
-        """Return F.(v2 - v1 - w1 x r) + T.(w2 - w1), which is zero for a constraint reaction."""
+        """Return F.(v2 - v1 - w1 x r) + T.(w2 - w1), which is zero for constraint reactions."""
         motion, points = self.motion, self.motion.clusters.points
         first, second = points[edge.first], points[edge.second]
         spins = [_in_ground(motion, motion.omega[p.cluster], p.cluster) for p in (first, second)]
         reach = vector.sub(motion.position(second), motion.position(first))
         closing = vector.sub(motion.velocity(second), motion.velocity(first))
-        # The reaction acts on the first body at the second node's position, hence the term w1 x r.
+        # The reaction acts on the first body at the position of the second node: hence w1 x r.
         against = vector.sub(closing, vector.cross(spins[0], reach))
         turning = vector.dot(wrench.torque, vector.sub(spins[1], spins[0]))
         return vector.dot(wrench.force, against) + turning
@@ -232,11 +232,11 @@ class Observer:
             )
         pushing = self._transmitted(edge, "translation")
         turning = self._transmitted(edge, "rotation")
-        # A branch of both trees transmits the whole cutset sum, which includes its own law.
+        # A branch of both trees transmits the whole cutset sum, which includes its law.
         if pushing is not None and turning is not None:
             return Wrench(pushing.force, turning.torque)
         second = self.motion.clusters.points[edge.second]
-        # Otherwise it is a chord of at least one graph: multipliers and laws act along measures.
+        # A chord of at least one graph: multipliers and laws act along measures.
         total = self._pulled(edge, second)
         zero = vector.zeros(self.motion.system.dag)
         if pushing is not None:
@@ -257,7 +257,7 @@ class Observer:
         for row in self.applied:
             if row.edge != edge.name:
                 continue
-            # Each pair acts on two clusters with opposite signs; the ground has no sum.
+            # Of the two opposite wrenches, use the one on the second node, unless it is the ground.
             for cluster, force, torque in row.pull.scaled(row.magnitude).wrenches:
                 sign = 1 if cluster == second.cluster else -1
                 if sign < 0 and second.cluster != 0:
@@ -280,11 +280,11 @@ class Observer:
         entry = self.motion.clusters.entries[domain].get(edge.name)
         if entry is None:
             return None
-        # The second node is at the outer end if the edge points outwards, else at the inner end.
+        # The second node is the outer one if the edge points outwards, else the inner one.
         geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]
-        if entry.sign < 0:  # the second node is the inner one: the reaction acts on it
+        if entry.sign < 0:  # the second node is the inner one, on which the reaction acts
             anchor = self.motion.frames.resolved(branch.parent, branch.anchor)
             to_inner = vector.sub(geometry.offset, anchor)
             wrench = shifted(wrench, to_inner)
@@ -301,7 +301,7 @@ class Observer:
             if inertia is None:
                 continue
             omega = motion.omega[cluster]
-            # h and J refer to the cluster's origin, hence the mixed term.
+            # h and J refer to the cluster's origin: hence the mixed term.
             v = motion.velocities.between(0, cluster)
             carried = _in_ground(motion, vector.cross(omega, inertia.moment), cluster)
             spin = vector.dot(omega, vector.times(inertia.tensor, omega))
@@ -326,7 +326,7 @@ class Observer:
             total = total + (row.potential or system.dag.zero)
         for arguments in (effort.arguments for effort in self.loads.efforts):
             if "stiffness" in arguments:
-                # A tree joint with a spring has a single coordinate, an angle or a translation.
+                # A tree joint with a spring has a single coordinate: an angle or a displacement.
                 at = arguments["theta"] if "theta" in arguments else arguments["s"]
                 total = total + stored_energy(arguments, at)
         return total
@@ -334,14 +334,14 @@ class Observer:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Output expressions as functions of the first graph's states and unknowns."""
+    """Output expressions in terms of the first graph's states and unknowns."""
 
     #: Outputs, then events in the order of :func:`cotree.scene.events.event_expressions`.
     values: tuple[Node, ...]
-    #: Node positions and velocities that outputs use, by ``node.variable``.
+    #: Positions and velocities of nodes that outputs use, by ``node.variable``.
     across: Mapping[str, Node]
     networks: Mapping[str, Node]  # values of network variables that outputs use, by name
-    #: Initial values of modes that represent jumps inside expressions, by name.
+    #: Expressions of jumps by the names of their modes, from which initial modes are determined.
     jumps: Mapping[str, Node]
 
 
@@ -370,8 +370,8 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
         if name not in known:
             # Only names in use are computed, and only once: reactions and energies are expensive.
             known[name] = observer.value(name)
-            # Sensitivity graphs already contain the tangents of positions and velocities;
-            # differentiating their long expressions would compute them again.
+            # Sensitivity graphs provide the tangents of positions and velocities; it would be
+            # costly to differentiate their long expressions again.
             if _place(name) is not None and split_name(name)[0] in motion.clusters.points:
                 across[name] = known[name]
         return known[name]
@@ -390,7 +390,7 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
 
 
 def _place(name: str) -> tuple[int, int] | None:
-    """Return derivative order and component of a node's position or velocity, or None."""
+    """Return order of derivative and component of a node's position or velocity; or None."""
     variable = split_name(name)[1]
     if len(variable) == 1 and variable in "xyz":
         return 0, "xyz".index(variable)
@@ -400,7 +400,7 @@ def _place(name: str) -> tuple[int, int] | None:
 
 
 def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
-    """Return the tangents of across variables in outputs, from a sensitivity graph's motion."""
+    """Return the tangents of across variables in outputs, from the sensitivity graph's motion."""
     seed = {}
     for name, value in outputs.across.items():
         place = _place(name)
@@ -415,7 +415,7 @@ def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
 def units_of_expressions(
     scene: SceneDescription, states: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the units of outputs and derived parameters, or "" if a name in them has no unit.
+    """Return the units of outputs and derived parameters; a unit is "" if a name in it has none.
 
     A sum has the unit of its terms; a product has an SI unit.
     """
@@ -434,7 +434,7 @@ def units_of_expressions(
     dimensions = Dimensions(lambda name: dimension_of_unit(unit_of(name)), with_plain_numbers=True)
 
     def output(name: str) -> str:
-        # An output that depends on itself causes an error elsewhere.
+        # An output that depends on itself raises an error elsewhere.
         if name not in found and name not in pending:
             pending.add(name)
             found[name] = unit_in(scene.outputs[name].tree)
@@ -449,7 +449,7 @@ def units_of_expressions(
         dimension = dimensions.of(tree)
         return "" if dimension is None else unit_text(dimension)
 
-    # Each name comes after its arguments: recursion could exceed Python's limit.
+    # In this order, each name comes after its arguments; recursion could exceed Python's limit.
     derived = {}
     for name in in_order(scene.parameters):
         value = scene.parameters[name].value
@@ -467,7 +467,7 @@ def _is_celsius(tree: ast.expr) -> bool:
 
 
 def _terms(tree: ast.expr) -> list[str]:
-    """Return the names in a sum, with "" for each term that is not a name."""
+    """Return the names in a sum, with "" for each term that is no name."""
     match tree:
         case ast.UnaryOp(operand=operand):
             return _terms(operand)

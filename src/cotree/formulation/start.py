@@ -1,8 +1,8 @@
 """Initial states: absolute coordinates from forward kinematics, and conditions on chords.
 
-The initial states of bodies in the tree are the across variables along the tree of the joints, at
-the joints' initial coordinates. The consistent start must satisfy initial values of coordinates
-that are not states.
+The initial states of bodies in the tree are across variables along the tree of joints, evaluated at
+the initial coordinates of the joints. The consistent start must also satisfy the initial values of
+coordinates that are not states.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
     from cotree.scene.description import SceneDescription
 
-#: Names of a scene's initial values for a free rotation.
+#: Names of the initial values of a free rotation.
 _TURN = ("rotation", "q0", "q1", "q2", "q3")
 
 
@@ -46,12 +46,12 @@ def body_starts(
     placed = [name for name in trees.branches if scene.edges[name].component.role is Role.BODY]
     if not placed:
         return {}
-    # Bodies that are branches in the tree of the joints are not reached by joints.
+    # In the tree of joints, a body that is still a branch is not reached by joints.
     reference = joint_branches(scene)
     placed = [name for name in placed if name not in reference.branches]
     if not placed:
         return {}
-    # The traversals of the formulation are used, with initial values as coordinates.
+    # Run the formulation's traversals with initial values in place of coordinates.
     system = bind(scene, reference, dag, is_start=True)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, ()))
@@ -80,7 +80,7 @@ def _start(
         axes = frames.rotations[point.cluster].matrix
         if point.turn is not None:
             axes = vector.matmul(axes, point.turn)
-        # Numbers decide which entry is largest; the values remain functions of parameters.
+        # Numeric values determine the largest entry; the results remain functions of parameters.
         quaternion = quaternion_of_nodes(axes, lambda n: float(evaluate([n], values)[0]))
         found |= {name: node for (name, _), node in zip(step.coordinates, quaternion, strict=True)}
         # The speeds of a free rotation are in axes of the body's node.
@@ -91,7 +91,7 @@ def _start(
 
 @dataclass(frozen=True)
 class Condition:
-    """Initial value of a coordinate or rate that is no state, with its derivatives along speeds."""
+    """Initial value of a coordinate or rate that is no state, with derivatives along the speeds."""
 
     name: str
     unit: str
@@ -102,7 +102,7 @@ class Condition:
 
 
 def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
-    """Return the scene's initial values for chords: joints and bodies."""
+    """Return the scene's initial values for chords, which are joints and bodies."""
     system = motion.system
     given = [
         (edge, name, value)
@@ -116,7 +116,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
     found = []
     for edge, name, value in given:
         if name in _TURN and edge.name in placing:
-            continue  # the joints' initial values determine the bodies' positions
+            continue  # the joints' initial values determine the positions of bodies
         # Chords have the same coordinates as branches.
         steps = spaces[edge.name]
         measure = chord_measure(motion, system.edges[edge.name], name, steps)
@@ -147,7 +147,7 @@ def given_names(scene: SceneDescription) -> tuple[str, ...]:
 
 
 def _is_state(system: System, edge: str, name: str) -> bool:
-    """Return whether an initial value belongs to a state, or to a rotation with four states."""
-    # One field sets a rotation, and determines all four entries of the quaternion.
+    """Return whether an initial value belongs to a state, or to the four states of a rotation."""
+    # The field of a rotation sets all four entries of the quaternion.
     state = "q0" if name == "rotation" else name
     return f"{edge}.{state}" in system.names

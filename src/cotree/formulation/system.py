@@ -1,4 +1,4 @@
-"""A scene bound to nodes: all symbols, coordinates and fields are nodes of one program."""
+"""A scene bound to nodes: its symbols, coordinates and fields are nodes of one program."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cotree.scene.parameters import Parameter
 
 
-# Advice if a prescribed motion depends on states or inputs.
+# Advice in error messages if a prescribed motion depends on states or inputs.
 _DRIVEN = (
     "the equations contain its time derivatives; write an expression of t, or a torque or force "
     "that follows the value, such as torque = 'c*(w - hinge.theta_dot)' of a joint"
@@ -83,20 +83,20 @@ class Step:
 
 @dataclass(frozen=True)
 class System:
-    """A scene whose symbols and fields are nodes of one program."""
+    """A scene of which symbols and fields are nodes of one program."""
 
     dag: Dag  # arena of all nodes
     time: Node  # symbol of time in the program
-    #: Symbols of the parameters that a run may change, by name; they are arguments of the program.
+    #: Symbols of the parameters that a run may change, by name: arguments of the program.
     tunable: Mapping[str, Node]
     #: Nodes of all parameters, and symbols of the inputs, by name. Parameters that are not tunable
-    #: are numbers; derived parameters are expressions of others.
+    #: are numbers; derived parameters are expressions of other parameters.
     parameters: Mapping[str, Node]
     inputs: Mapping[str, Node]
-    #: Quantities that only events change; they follow the speeds, as states without a rate.
+    #: Quantities that change only at events. They are states without a rate and follow the speeds.
     modes: tuple[State, ...]
-    #: Motion space of each branch that has one, in the order of the scene's edges. For an edge that
-    #: is a branch of one tree only, these are its translations or its rotations.
+    #: Motion space of each branch that has one, in the order of the scene's edges. If an edge is a
+    #: branch of only one tree, these are its translations only or its rotations only.
     steps: Mapping[str, tuple[Step, ...]]
     plane: str  # normal of the plane of motion: ``x``, ``y`` or ``z``; empty for spatial motion
     edges: Mapping[str, BoundEdge]  # bound edges by name
@@ -104,9 +104,9 @@ class System:
     trees: Trees  # the spanning trees of translation and rotation
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     at_scene: Callable[[Node], float]  # evaluates a node with the scene's parameter values
-    input_values: tuple[Node, ...]  # the scene's inputs: functions of time and parameters
-    of_parameters: Resolver  # returns the node of a parameter by name
-    signals: FieldNames  # returns the node of any name that a field may use
+    input_values: tuple[Node, ...]  # the scene's inputs as functions of time and parameters
+    of_parameters: Resolver  # function from a parameter's name to its node
+    signals: FieldNames  # function from any name that a field may use to its node
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -120,7 +120,7 @@ class System:
 
     @cached_property
     def names(self) -> dict[str, Node]:
-        """Coordinates, speeds and modes by name."""
+        """Symbols of coordinates, speeds and modes by name."""
         coordinates = {row.name: row.symbol for row in self.coordinates}
         speeds = {row.name: row.symbol for row in self.speeds}
         return coordinates | speeds | {row.name: row.symbol for row in self.modes}
@@ -141,8 +141,8 @@ def bind(
 ) -> System:
     """Bind a scene to nodes of an arena.
 
-    ``starts`` contains default initial values of branches, ``names`` the names of nodes and edges
-    in the scalar networks. With ``is_start``, initial values replace coordinates and speeds. Raise
+    ``starts`` contains default initial values of branches; ``names`` contains the nodes and edges
+    of the scalar networks. With ``is_start``, initial values replace coordinates and speeds. Raise
     ExpressionError if a name is unknown or not allowed, ParameterError if an axis has no direction.
     """
     time = dag.symbol(TIME, 0)
@@ -150,7 +150,7 @@ def bind(
     values = parameter_values(scene.parameters)
     at_scene = partial(_at, {symbol: values[name] for name, symbol in tunable.items()})
     inputs = {name: dag.symbol(INPUT, i) for i, name in enumerate(scene.inputs)}
-    # There are three scopes of names: parameters only; parameters and time; all variables.
+    # Three scopes of names: parameters only; parameters and time; all variables.
     of_modes = dict.fromkeys(
         scene.modes, "let an output depend on modes, and use the output in the field"
     )
@@ -162,7 +162,7 @@ def bind(
     if is_start:
         steps = {name: tuple(_at_start(step) for step in own) for name, own in steps.items()}
     kept = [step for own in steps.values() for step in own]
-    # The state vector contains all coordinates, then all speeds, then modes.
+    # State vector: all coordinates, then all speeds, then modes.
     states = {c.name: c.symbol for step in kept for c in step.coordinates}
     states |= {v.name: v.symbol for step in kept for v in step.speeds}
     # Modes are numbered after coordinates and speeds, but before the states of the networks.
@@ -187,7 +187,7 @@ def bind(
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
             edges[edge.name], own = bind_edge(edge, dag, names_of, at_scene)
-            # Two time derivatives of a prescribed motion enter the equations, so it must not jump.
+            # The equations contain two derivatives of a prescribed motion, which must not jump.
             guards += [*own, *motion_guards(edges[edge.name], time)]
     return System(
         dag=dag,
@@ -204,7 +204,7 @@ def bind(
         guards=tuple(guards),
         at_scene=at_scene,
         input_values=tuple(
-            # Inputs from a table are piecewise linear functions of time; others are expressions.
+            # An input from a table is piecewise linear in time; all other inputs are expressions.
             table(dag, row.value, time)[0]
             if isinstance(row.value, Table)
             else row.value.lower(dag, of_time)
@@ -220,7 +220,7 @@ def _parameters(scene: SceneDescription, dag: Dag) -> tuple[dict[str, Node], dic
     tunable = {name: dag.symbol(PARAMETER, i) for i, name in enumerate(names)}
 
     def number(row: Parameter) -> Node:
-        # Parameters that are not tunable are numbers, which are folded into the expressions.
+        # Parameters that are not tunable are numbers and are folded into expressions.
         return tunable[row.name] if row.is_argument else dag.constant(row.number)
 
     return tunable, parameter_nodes(scene.parameters, dag, number)
@@ -228,7 +228,7 @@ def _parameters(scene: SceneDescription, dag: Dag) -> tuple[dict[str, Node], dic
 
 def _at_start(step: Step) -> Step:
     coordinates = tuple(replace(c, symbol=c.initial) for c in step.coordinates)
-    # A degree of freedom has one coordinate; the speeds of a free rotation have no coordinates.
+    # A freedom has one coordinate; speeds of a free rotation have no coordinate.
     own = coordinates[0]
     return replace(
         step,
@@ -242,13 +242,13 @@ def _at_start(step: Step) -> Step:
 def _modes(
     scene: SceneDescription, dag: Dag, n_before: int, resolve: Resolver
 ) -> tuple[State, ...]:
-    """Create a state with a symbol for every mode, numbered after the coordinates and speeds."""
+    """Create a state with a symbol for every mode, numbered after coordinates and speeds."""
     return tuple(
         State(
             mode.name,
             "",
             dag.symbol(STATE, n_before + i),
-            # Jumps follow from the initial states; see ``first_graph.started``.
+            # The mode of a jump follows from the initial states; see ``first_graph.started``.
             dag.zero if mode.is_jump else mode.initial.lower(dag, resolve),
         )
         for i, mode in enumerate(scene.modes.values())
@@ -268,7 +268,7 @@ def _steps(
     starts: Mapping[str, Mapping[str, Node]],
 ) -> dict[str, tuple[Step, ...]]:
     """Create the numbered coordinates and speeds of all branches, with their initial values."""
-    # If the trees differ, an edge has coordinates only in trees of which it is a branch.
+    # If the trees differ, an edge has coordinates only in the trees in which it is a branch.
     kept = {
         name: [kind for kind in spaces[name] if trees.is_branch(name, kind.rotates)]
         for name in scene.edges
@@ -279,7 +279,7 @@ def _steps(
     i = j = 0
     for edge in moving:
         start = starts.get(edge.name, {})
-        # The whole motion space is used, so that initial values of its chord part are accepted.
+        # Use the whole motion space, so that initial values of the chord's part are accepted, too.
         initial = initial_values(edge, spaces[edge.name], dag, resolve, start)
         own = []
         for kind in kept[edge.name]:
@@ -291,7 +291,7 @@ def _steps(
             speeds = []
             for name, unit in kind.rates:
                 of = None if isinstance(kind, FreeRotation) else coordinates[0]
-                # i counts coordinates and j speeds; they differ if there are free rotations.
+                # i counts coordinates and j counts speeds; the counts differ after free rotations.
                 symbol = dag.symbol(STATE, n_coordinates + j)
                 full, w = f"{edge.name}.{name}", dag.symbol(UNKNOWN, j)
                 speeds.append(Speed(full, unit, j, edge.name, of, symbol, w, initial[name]))

@@ -1,8 +1,8 @@
 """f-cutsets: through variables of branches as suffix sums, projected on motion spaces.
 
-The through variable of a branch is the sum over all chords beyond it (paper, Eq. (1)). The chords
-are force elements and inertias; only the terminal equations of inertias contain accelerations.
-Projection on the motion space yields one equation per coordinate (Eq. (5)).
+The through variable of a branch is the sum over all chords beyond the branch (paper, Eq. (1)). The
+chords are force elements and inertias; only the terminal equations of inertias contain
+accelerations. Projection on the motion space yields one equation per coordinate (Eq. (5)).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Effort:
-    """Force or torque of a joint's law along a coordinate, with the arguments of the law."""
+    """Force or torque that a joint's law exerts along a coordinate, with the law's arguments."""
 
     value: Node
     arguments: Mapping[str, Node]
@@ -42,7 +42,7 @@ class Loads:
 
     actions: tuple[Action, ...]  # forces and torques of the force elements
     on_cluster: tuple[Wrench | None, ...]  # sum of the forces on each cluster; None without forces
-    efforts: tuple[Effort, ...]  # force or torque along each speed due to a tree joint's law
+    efforts: tuple[Effort, ...]  # forces or torques of tree joints' laws along the speeds
     along: tuple[Node, ...]  # generalised force along each speed
     inertias: tuple[Inertia | None, ...]  # lumped inertia of each cluster, resolved in its basis
 
@@ -63,14 +63,14 @@ class Balance:
     """The f-cutset equations, projected on the motion spaces."""
 
     residual: tuple[Node, ...]  # one residual per speed, zero if the equations of motion hold
-    #: Inertial forces minus loads over each cluster and all beyond it, at its origin in its basis.
+    #: Inertial forces minus loads of each cluster and of all clusters beyond it, at its origin.
     totals: tuple[Wrench, ...]
-    #: Wrench that each moving branch transmits: its child's sum in the parent's basis.
+    #: Wrench that each moving branch transmits: the child's sum in the parent's basis.
     beyond: tuple[Wrench, ...]
 
 
 def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = None) -> Loads:
-    """Sum the forces of the elements, evaluate joint laws, and resolve inertias in the bases."""
+    """Sum the forces of the elements, evaluate the laws of joints, and resolve the inertias."""
     sums = Sums(len(motion.omega))
     for action in elements:
         with motion.system.dag.labelled(f"terminal equation of {action.edge.name}"):
@@ -119,7 +119,7 @@ def resolved(inertia: Inertia, axes: Matrix) -> Inertia:
 
 
 def resolved_field(frames: Frames, cluster: int, local: Inertia) -> Inertia:
-    """Transform a cluster's inertia from its axes to its basis."""
+    """Transform a cluster's inertia from cluster axes to the cluster's basis."""
     return Inertia(
         frames.seen(local.mass),
         frames.resolved(cluster, local.moment),
@@ -132,8 +132,9 @@ def inertial_wrench(
 ) -> Wrench:
     """Return the terminal equation of a lumped inertia: its wrench at the cluster's origin.
 
-    The force is ``m a + A h``, the torque ``h x a + J alpha + omega x (J omega)``, with the first
-    moment h, the second moment J and the acceleration a of the origin ([1] eq. 3).
+    The force is ``m a + A h``, the torque ``h x a + J alpha + omega x (J omega)``, with first
+    moment h, second moment J, acceleration a of the origin; A = [alpha]x + [omega]x[omega]x.
+    See [1] eq. 3.
     """
     origin, matrix = across.origin[cluster], across.matrix[cluster]
     force = vector.add(vector.scale(inertia.mass, origin), vector.times(matrix, inertia.moment))
@@ -178,12 +179,12 @@ def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sum
                 sums.gather(cluster, inertial_wrench(motion, across, cluster, inertia))
             applied = loads.on_cluster[cluster]
             if applied is not None:
-                # Loads are subtracted, so that the cutset equation is total = 0.
+                # Loads are subtracted: the cutset equation is total = 0.
                 sums.gather(cluster, applied.minus())
 
 
 def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...]:
-    """Sum the wrenches that branches transmit inwards, and project them on their motion spaces."""
+    """Sum the wrenches that branches transmit inwards, and project them on the motion spaces."""
     system, frames = motion.system, motion.frames
     residual: dict[str, Node] = {}
     for geometry in reversed(motion.geometry):
@@ -191,7 +192,7 @@ def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...
         total = sums.at(branch.child)
         if total is None:
             continue
-        # Outer branches come first in this loop, so the child's sum is complete here.
+        # Outer branches were processed before, so the child's sum is complete.
         with system.dag.labelled(f"f-cutset of {branch.edge}"):
             wrench = carried(frames, branch.child, total)
             for i, speed in enumerate(branch.speeds):
@@ -210,7 +211,7 @@ def carried(frames: Frames, cluster: int, wrench: Wrench) -> Wrench:
 
 
 def project(geometry: Geometry, i: int, wrench: Wrench) -> Node:
-    """Return the scalar product of a wrench and a direction of the motion space."""
+    """Return the scalar product of a wrench and direction ``i`` of the motion space."""
     return vector.dot(geometry.turning[i], wrench.torque) + vector.dot(
         geometry.shifting[i], wrench.force
     )
@@ -228,8 +229,8 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
         if branch.parent:  # forces on the ground are not used
             sums.gather(branch.parent, shifted(wrench, geometry.offset))
         return
-    # If the trees differ, the torque follows the rotation graph and the force the translation
-    # graph. The arm is fixed in the translation parent, on which the moment acts.
+    # If the trees differ, the torque follows the rotation tree and the force the translation tree.
+    # The arm is fixed in the translation parent, on which its moment acts.
     zero = vector.zeros(branch.anchor[0].dag)
     sums.gather(branch.turn_parent, Wrench(zero, wrench.torque))
     sums.gather(branch.parent, shifted(Wrench(wrench.force, zero), geometry.offset))
@@ -265,7 +266,7 @@ def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:
     """Move the reference point of an inertia inwards along an arm."""
     first = vector.add(inertia.moment, vector.scale(inertia.mass, arm))
     both = vector.add(first, inertia.moment)
-    # With x = arm + p, the sum of m x x^T is that of m p p^T plus m a a^T + a h^T + h a^T.
+    # The sum of m x x^T with x = a + p is that of m p p^T plus m a a^T + a h^T + h a^T (arm a).
     xx, yy, zz = (arm[i] * both[i] for i in range(3))
 
     def off(i: int, j: int) -> Node:
@@ -300,6 +301,6 @@ def _project_column(
             matrix[row][column] = matrix[column][row] = project(geometry, i, wrench)
         if branch.parent == 0:
             return
-        # Entries remain zero for speeds that are not on one path to the ground.
+        # Entries between speeds that are not on one path to the ground remain zero.
         wrench = carried(frames, branch.parent, shifted(wrench, geometry.offset))
         geometry = motion.to(branch.parent)

@@ -69,7 +69,7 @@ def eliminate(
     is_symmetric: bool = False,
 ) -> Factors[T]:
     """Eliminate unknowns, with diagonal pivots if symmetric; ``rows`` keeps the remaining rows."""
-    # A symmetric matrix equals its transpose.
+    # The columns of a symmetric matrix are its rows.
     columns: dict[int, set[int]] = {} if is_symmetric else columns_of(rows)
     left = Remainder(rows, rows if is_symmetric else columns)
     pivots, inverses, lower, upper = [], [], [], []

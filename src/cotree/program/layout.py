@@ -44,8 +44,8 @@ class Layout:
     given: tuple[bool, ...]  # whether the scene prescribes the initial value of each state
     #: Variables that are not states but have initial values, which the start must satisfy.
     start_rows: tuple[str, ...]
-    start_units: tuple[str, ...]  # units of these variables
-    start_is_rate: tuple[bool, ...]  # whether each of these variables is a rate
+    start_units: tuple[str, ...]  # units of the variables in ``start_rows``
+    start_is_rate: tuple[bool, ...]  # whether each variable in ``start_rows`` is a rate
     #: Whether each output depends on multipliers, that is, on reactions.
     uses_multipliers: tuple[bool, ...]
     events: tuple[EventRow, ...] = ()  # events in the order of the kernel ``events``
@@ -66,9 +66,9 @@ class Layout:
     #: Number of branches that steps freeze: the last prepared values, zero if not frozen.
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
-    #: Index of each event, then of each kink, in the kernel ``event_ranges``; -1 if linear.
+    #: For each event, then each kink: its index in the kernel ``event_ranges``; -1 if linear.
     ranges: tuple[int, ...] = ()
-    #: Number of quantities on which ranges depend; they are the last results of ``events``.
+    #: Number of quantities on which these ranges depend: the last results of ``events``.
     n_quantities: int = 0
     #: Coordinates and rates whose initial values the scene prescribes, in its order.
     given_names: tuple[str, ...] = ()

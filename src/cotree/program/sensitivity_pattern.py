@@ -81,8 +81,8 @@ def reached_states(
 class Timed:
     """States and events whose conditions on time depend on a parameter."""
 
-    states: set[int]  # states with such a condition in their rates
-    is_event: bool  # whether an event function has such a condition
+    states: set[int]  # states whose rates have such conditions
+    is_event: bool  # whether an event function has such conditions
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:

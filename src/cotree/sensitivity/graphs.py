@@ -100,7 +100,7 @@ def residual_tangents(
 
 
 def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
-    """Return the loads that change, and all inertias."""
+    """Return the loads that change along the seed, and the inertias of all clusters."""
     motion = view.motion
     elements = []
     for action in first.actions:

@@ -1,1 +1,1 @@
-"""The scalar networks of a scene: rules of variables, their order, and their values."""
+"""The scalar networks of a scene: rules of variables, their order of computation, their values."""

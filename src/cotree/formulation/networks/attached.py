@@ -1,4 +1,4 @@
-"""Scalar networks that act on a multibody system, formed only if a scene has any."""
+"""Scalar networks that act on a multibody system; they are formed only if a scene has any."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Attached:
     network: Network | None  # the networks; None if the scene has none
     observed: Mapping[str, Node]  # values of network variables used in outputs and fields
     couplings: Mapping[str, Coupling]  # ports that act on the multibody system, by name
-    throughs: Mapping[str, Node]  # symbols of the through variables of these ports
-    #: Derivatives of these by index of acceleration: the inertia of storages coupled to joints.
+    throughs: Mapping[str, Node]  # symbols of these ports' through variables
+    #: Derivatives of these variables by index of the acceleration: the inertia of coupled storages.
     slopes: Mapping[str, Mapping[int, Node]]
     #: Names used only in fields of friction and dampers on the mechanism; they may be reactions.
     reacting: frozenset[str] = frozenset()
@@ -46,10 +46,10 @@ class Attached:
 
     @property
     def loads(self) -> list[Applied]:
-        """The through variables of the couplings as loads on the multibody system."""
+        """Through variables of the couplings, as loads on the multibody system."""
         found = []
         for name, own in self.couplings.items():
-            # A port with equal signs absorbs power, so the reaction acts on the mechanism.
+            # The port absorbs the power across * through, so the mechanism receives the reaction.
             load = -self.throughs[name]
             place = own.port.edge.name, f"{name}.law"
             found.append(Applied(*place, own.measure, own.pull, load, load))
@@ -64,14 +64,14 @@ class Attached:
             pull = along_speeds(motion, self.couplings[name].pull)
             for i, gradient in enumerate(pull):
                 for j, slope in slopes.items():
-                    # tau = s_j v_j' + ... acts along its pull p, which adds p_i s_j.
+                    # The through variable s_j v_j' + ... acts along its pull p: add p_i s_j.
                     rows[i][j] = rows[i][j] + gradient * slope
         return tuple(tuple(row) for row in rows)
 
 
 def attach_network(scene: SceneDescription, view: View) -> Attached:
     """Form a scene's scalar networks, with symbolic accelerations of the mechanism."""
-    # Purely multibody scenes have no networks.
+    # A purely multibody scene has no networks.
     if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
         return Attached(None, {}, {}, {}, {})
     from cotree.formulation.networks.network import form_network
@@ -84,7 +84,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         for name, coupling in couplings.items()
     }
     observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
-    # Networks are formed only as far as outputs, events and fields of the mechanism require.
+    # Form only the parts of networks that outputs, events and fields of the mechanism require.
     names = {name for expression in observing for name in expression.names}
     before = system.signals.measured
     wanted = sorted(names.union(before))
@@ -95,7 +95,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
     form = partial(form_network, scene, system, couplings, wanted, is_motion=is_motion)
     network, observed = form(has_multipliers=True)
     if network.holding and not _is_linear(network, couplings, observed, named):
-        network, observed = form(has_multipliers=False)  # the forces are algebraic unknowns
+        network, observed = form(has_multipliers=False)  # the forces are algebraic unknowns instead
     reacting = frozenset(
         name
         for name in system.signals.measured
@@ -120,20 +120,20 @@ def _is_linear(
     one = multipliers[0].dag.one
     forces = [observed[through_name(coupling.port)] for coupling in couplings.values()]
     slopes = [d for symbol in multipliers for d in tangents(forces, {symbol: one})]
-    # Fields of the mechanism must not contain a force that depends on them.
+    # A field of the mechanism must not contain a force that depends on a multiplier.
     acting = [observed[name] for name in named if name in observed]
     return set(multipliers).isdisjoint(symbols_in([*slopes, *acting]))
 
 
 def _slopes(through: Node, system: System) -> dict[int, Node]:
-    """Differentiate a through variable with respect to the accelerations."""
+    """Return the derivatives of a through variable with respect to the accelerations."""
     found = {}
     occurring = set(symbols_in([through]))
     for speed in system.speeds:
-        # Only storages coupled to joints react to accelerations, as an inertia does.
+        # Only storages coupled to joints depend on accelerations, as an inertia does.
         if speed.acceleration not in occurring:
             continue
-        # Affine in the accelerations: the slope enters the mass matrix, the rest is a load.
+        # The variable is affine in accelerations: slopes enter the mass matrix, the rest is a load.
         (slope,) = tangents([through], {speed.acceleration: through.dag.one})
         if not slope.is_zero:
             found[speed.index] = slope

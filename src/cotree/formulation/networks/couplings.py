@@ -1,7 +1,7 @@
 """Transducer ports that act on a multibody system: on a joint, or between two nodes.
 
-The across variable of such a port is the rate of a measure, as for a chord parallel to the joint;
-its through variable acts along the measure.
+The across variable of such a port is the rate of a measure, as for a chord parallel to the joint.
+The through variable acts along the measure.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
                 measure,
                 measure.value(view),
                 measure.rate(view),
-                # Symbolic, since storages coupled to the joint need the coefficients.
+                # Accelerations are symbols: storages coupled to the joint need their coefficients.
                 measure.acceleration(view),
                 measure.pull(view),
             )
@@ -66,7 +66,7 @@ def _measure(port: Port, motion: Motion) -> Measure:
     if touch is not None:
         _check_nodes(port, motion)
         return touching(motion, motion.system.edges[port.edge.name], touch)
-    # Between two nodes, the port acts along the line that connects them.
+    # Between two nodes, the port acts along the line that connects the nodes.
     if len(port.ends.acts_on) == 2:
         return _line(port, motion)
     turns = port.terminal.domain == "rotational"
@@ -99,7 +99,7 @@ def _line(port: Port, motion: Motion) -> Measure:
             'revolute joint as joint = "..."'
         )
     first, second = (motion.clusters.points[node] for node in port.ends.acts_on)
-    # Force times the rate of the distance is power, as across times through variable must be.
+    # Across times through is power, as required: the rate of the distance times the force.
     return Distance(Ends.of(motion.clusters, first, second))
 
 

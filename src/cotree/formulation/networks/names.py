@@ -28,14 +28,14 @@ class Names:
 
     @cached_property
     def _of_ports(self) -> dict[str, Variable]:
-        """The variables of all ports by name, with and without the port's name."""
+        """Variables of all ports by name, with and without the name of the port."""
         found: dict[str, Variable] = {}
         for port in self.ports.values():
             for quantity, symbol in _symbols(port).items():
                 found[f"{port.name}.{symbol}"] = (quantity, port.name)
-                # The name without the port is included if it is unambiguous.
+                # Also add the name without the port if it is unambiguous.
                 found[state_name(port, symbol)] = (quantity, port.name)
-            # A sum of several contents has its own name in addition to the contents.
+            # A total of several contents has a name of its own, besides those of the contents.
             store = self.stores.get(port.name)
             if store is not None and not store.is_alone:
                 found[state_name(port, store.symbol[0])] = ("total", port.name)
@@ -52,9 +52,9 @@ class Names:
         """Return the variable ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``, or None."""
         if name in self._of_ports:
             return self._of_ports[name]
-        # Names of ports contain a dot, so the symbol comes after the last dot.
+        # Names of ports contain a dot: the symbol comes after the last dot.
         first, _, symbol = name.rpartition(".")
-        # A node may belong to several domains; the symbol determines the domain.
+        # A node may belong to several domains; the symbol identifies the domain.
         for domain, topology in self.topologies.items():
             graph = topology.tree.graph
             if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:
@@ -71,7 +71,7 @@ def _symbols(port: Port) -> dict[str, str]:
     if content := content_of(port.terminal):
         found["content"] = content[0]
     if (friction := port.terminal.friction) is not None:
-        # The force limits on both sides, whether friction is engaged, and its load.
+        # Force limits on both sides, whether friction is engaged, and the load.
         rows = ("upper", "lower", "grip", "load")
         found |= {f"limit_{n}": n for n in rows if getattr(friction, n) is not None}
     if (stop := port.terminal.stop) is not None:
@@ -81,10 +81,10 @@ def _symbols(port: Port) -> dict[str, str]:
 
 
 def state_name(port: Port, symbol: str) -> str:
-    """Return a port's variable name, without the port if no other port has the same symbol."""
+    """Return a port's variable name; without the port if no other is in the same domain."""
     own = port.edge.component.ports
     domains = [terminal.domain for terminal in own]
-    # An open edge parallel to a source is not a port of the source's component.
+    # A port that measures a controlling variable is not among the ports of the component.
     is_alone = domains.count(port.terminal.domain) == 1 and port.terminal in own
     return f"{port.edge.name if is_alone else port.name}.{symbol}"
 
@@ -94,7 +94,7 @@ def argument_of(
 ) -> Variable:
     """Return the variable of a port's law argument; ``fields``, (edge, field), take precedence.
 
-    Node potentials are relative to ``reference``.
+    Node potentials are relative to the node ``reference``.
     """
     first, underscore, rest = name.partition("_")
     is_field = (port.edge.name, name) in fields

@@ -54,23 +54,23 @@ class Network:
     trees: Mapping[str, NormalTree]
     states: tuple[State, ...]  # states of storages and springs, then algebraic unknowns
     solved: Solved  # values of all variables that states and outputs require
-    #: Variables that are the rates of the states, or the residuals of algebraic unknowns.
+    #: Variables that are the rates of states or the residuals of algebraic unknowns.
     rates: tuple[Variable, ...]
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     observed: Mapping[str, Variable]  # variables used by outputs and other fields, by name
     positions: tuple[PositionRow, ...]  # positions that are sums of states
     redundant: tuple[Redundant, ...]  # initial values of variables that are not states
-    #: Fields whose rates jump at unknown times, with the symbols on which these times depend.
+    #: Values whose rates jump at unknown times, with the symbols on which these times depend.
     kinks: Mapping[str, frozenset[Node]]
-    #: Symbols of the mechanism used only in fields of friction and dampers acting on it. They may
-    #: be reactions, since such a field is solved for together with the accelerations.
+    #: Symbols of the mechanism that occur only in fields of friction and dampers on it. They may be
+    #: reactions, since such a field is determined together with the accelerations.
     of_friction: frozenset[Node]
     names: Names  # names of network variables in the scene
     holding: tuple[Holding, ...]  # friction and stops on the mechanism whose forces are multipliers
 
     @property
     def watched(self) -> tuple[Variable, ...]:
-        """Variables that are required in addition to the rates of the states."""
+        """Variables that are required besides the rates of the states."""
         return (*self.observed.values(), *(row.variable for row in self.redundant))
 
     @property
@@ -114,7 +114,7 @@ def form_network(
     """
     ports, graphs, trees = draw_networks(scene)
     topologies = {domain: Topology(domain, tree.across) for domain, tree in trees.items()}
-    # With ideal amplifiers, circuits and cutsets have different trees.
+    # With ideal amplifiers, f-circuits and f-cutsets have different trees.
     cutsets = {
         domain: Topology(domain, tree.through) if tree.is_split else topologies[domain]
         for domain, tree in trees.items()
@@ -127,17 +127,17 @@ def form_network(
     positions = position_trees(graphs, ports, topologies, used)
     held = held_variables(ports, topologies, positions, stores, used)
     dag = system.dag
-    # States: the mechanism's coordinates, speeds and modes, then the networks', then unknowns.
+    # State vector: coordinates, speeds and modes of the mechanism, network states, unknowns.
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
     fields, measured, guards, active = _bind_fields(ports, symbols, names, system)
     moving = {system.signals.node(name) for name in system.signals.measured if is_motion(name)}
     held_ports = holding_ports(ports) if has_multipliers else []
-    # Numbered downwards; all other multipliers are numbered upwards, after the accelerations.
+    # Numbered downwards, because other multipliers are numbered upwards, after the accelerations.
     multipliers = {name: dag.symbol(UNKNOWN, -1 - i) for i, name in enumerate(held_ports)}
     reacting = reacting_fields(ports, held_ports, fields, measured, moving.__contains__)
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
-    # Open edges that measure controlling variables are not edges of the scene.
+    # Add the open edges that measure controlling variables; the scene has no such edges.
     all_ports = ports | {name: swap.control for name, swap in swaps.items()}
     terminals = Terminals(
         all_ports,
@@ -165,7 +165,7 @@ def form_network(
     # If a total of contents is a state, the variable that it determines is always an unknown.
     roots += [store.unknown for store in stores.values()]
     plan = make_plan(terminals, roots)
-    # Algebraic unknowns are numbered after all states with a rate.
+    # Algebraic unknowns are numbered after all states that have a rate.
     first = n_before + len(held)
     solved = solve_plan(
         terminals,
@@ -255,7 +255,7 @@ def _bind_fields(
         if variable in symbols:
             return symbols[variable]
         if variable not in symbol_of:
-            # A symbol represents the value until the plan is evaluated.
+            # A symbol represents the variable until its value is known.
             symbol_of[variable] = system.dag.symbol("network", len(symbol_of))
         return symbol_of[variable]
 
@@ -270,7 +270,7 @@ def _bind_fields(
         for field, value in edge.law_fields.items():
             row = edge.component.field(field)
             assert row is not None  # the scene has checked that the component has this field
-            # Constant fields may be used in preparations and starts, which know parameters only.
+            # Constant fields may be needed by ``prepare``, which knows only parameters.
             resolver = system.of_parameters if row.constant else resolve
             node = value.lower(system.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
@@ -293,6 +293,6 @@ def _bind_fields(
             # Values that change during a run cannot be checked before the run.
             if not is_varying(node):
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
-    # If a field uses a variable of the networks, its symbol is an argument of the field.
+    # Network variables in fields are symbols, which are arguments of the field.
     measured = {symbol: variable for variable, symbol in symbol_of.items()}
     return fields, measured, list(guards.values()), active

@@ -2,8 +2,9 @@
 
 A rule is a sum (an f-circuit or f-cutset equation) or a law (a terminal equation). The derivative
 of a sum is a sum, and the derivative of a law is a sum with partial derivatives as factors.
-Therefore a sensitivity graph has the same topology (paper, Eq. (4)). The partial derivatives of a
-law are computed only once, also if it was solved for a rate or differentiated in time.
+Therefore a sensitivity graph has the same topology as the network (paper, Eq. (4)). The partial
+derivatives of a law are computed only once, even if the law is solved for a rate or differentiated
+in time.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ if TYPE_CHECKING:
 #: Quantity and name of a variable.
 Variable = tuple[str, str]
 
-#: Derivatives of a value along several directions; zero derivatives are omitted.
+#: Derivatives of a value along several directions, without zero derivatives.
 Tangent = dict["Hashable", "Node"]
 
 
 class Given(Protocol):
-    """Differentiates nodes of states, parameters, inputs and fields."""
+    """Differentiates nodes that depend on states, parameters, inputs and fields."""
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
-        """Differentiate a node after replacing symbols by the values in ``replacements``."""
+        """Differentiate a node; symbols are first replaced by the values in ``replacements``."""
 
 
 class Rule:
@@ -44,7 +45,7 @@ class Rule:
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The variables on which the rule depends."""
+        """Variables on which the rule depends."""
         raise NotImplementedError
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
@@ -58,7 +59,7 @@ class Rule:
         raise NotImplementedError
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
-        """Return the derivatives at constant values of the other variables."""
+        """Return the derivatives of the rule while all other variables are constant."""
         return {}
 
     def tangent(
@@ -66,7 +67,7 @@ class Rule:
     ) -> Tangent:
         """Return the derivatives ([1] eq. 4) from the derivatives ``d`` of other variables."""
         total = self.explicit(values, given)
-        # If the derivatives of all arguments are zero, no partial derivatives are needed.
+        # No partial derivatives are needed if the derivatives of all arguments are zero.
         changing = [variable for variable in self.needs if d[variable]]
         for variable, partial in self.partials(values, changing) if changing else ():
             for key, term in d[variable].items():
@@ -79,7 +80,7 @@ def _add(total: Tangent, key: Hashable, term: Node) -> None:
         return
     known = total.get(key)
     result = term if known is None else known + term
-    # Zero derivatives are removed, so that later rules skip them.
+    # Remove zero derivatives, so that later rules skip them.
     if result.is_zero:
         del total[key]
     else:
@@ -108,7 +109,7 @@ class Sum(Rule):
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
         """Return the signs of the ``changing`` variables."""
-        # The topology has no parameters, so the sensitivity graph has the same signs.
+        # Topology does not depend on parameters: signs are those of the sensitivity graph.
         one = values[self.terms[0][1]].dag.one
         return ((variable, one if sign > 0 else -one) for sign, variable in self.terms)
 
@@ -137,7 +138,7 @@ class Lawful(Rule):
         dag = next(iter(known.values())).dag
         for name, variable in self.arguments:
             if variable in changing:
-                # Computed once per component: the terminal equation of the sensitivity graph.
+                # The partial derivative of a law is computed once and shared by all directions.
                 partial = self.law.partial_value(dag, known, name)
                 if partial is not None:
                     yield variable, partial
@@ -145,10 +146,10 @@ class Lawful(Rule):
 
 @dataclass(frozen=True)
 class FieldRule(Rule):
-    """A component's field or a state: a node that depends on symbols."""
+    """A field of a component, or a state: a node that depends on symbols."""
 
-    node: Node  # value of the field; symbols represent variables
-    variables: tuple[tuple[Node, Variable], ...] = ()  # symbols, and variables that they represent
+    node: Node  # value of the field, in which symbols represent variables
+    variables: tuple[tuple[Node, Variable], ...] = ()  # symbols, and the variables they represent
 
     @property
     def needs(self) -> tuple[Variable, ...]:
@@ -159,14 +160,14 @@ class FieldRule(Rule):
         return {symbol: values[variable] for symbol, variable in self.variables}
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
-        """Replace the symbols in the field by the values of their variables."""
+        """Return the field, with symbols replaced by the values of their variables."""
         return (
             substitute([self.node], self._symbol_values(values))[0] if self.variables else self.node
         )
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
-        """Differentiate with respect to the symbols that do not represent variables."""
-        # Derivatives may also contain symbols of variables, which are replaced as in the field.
+        """Differentiate with respect to symbols that do not represent variables."""
+        # Derivatives may contain symbols of variables, which are replaced as in the field.
         symbols = self._symbol_values(values)
         found = given(self.node, symbols)
         if not self.variables:
@@ -180,7 +181,7 @@ class FieldRule(Rule):
         symbols = self._symbol_values(values)
         for symbol, variable in self.variables:
             if variable in changing:
-                # A field is an expression of the scene: its partial derivatives are computed here.
+                # The partial derivatives of a field, unlike those of a law, are formed here.
                 along = tangents([self.node], {symbol: symbol.dag.one}, symbols)
                 yield variable, substitute(along, symbols)[0]
 
@@ -193,15 +194,15 @@ class Unknown(Rule):
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The residual of the equation that determines the unknown."""
+        """The residual, which is zero for the correct value of the unknown."""
         return (self.residual,)
 
 
 @lru_cache(maxsize=1024)
 def stored_rate(terminal: Terminal, is_across: bool) -> Law:
-    """Return a state's rate, (through - leak) / capacity or (across - drop) / inertance."""
+    """Return the rate of a state: (through - leak) / capacity or (across - drop) / inertance."""
     assert terminal.storage is not None
-    # Both cases have the same form, (through - loss) / capacity, or its dual.
+    # Both kinds of storage have the rate (given - loss) / storage.
     given, loss = _sides(terminal, is_across)
     return (given - loss) / terminal.storage
 
@@ -219,7 +220,7 @@ def stored_value(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def stored_residual(terminal: Terminal, is_across: bool) -> Law:
-    """Return the residual of a storage: rate of its content plus loss, minus the inflow."""
+    """Return the residual of a storage: rate of the content, plus the loss, minus the inflow."""
     return stored_value(terminal, is_across) - _sides(terminal, is_across)[0]
 
 
@@ -228,7 +229,7 @@ def linear_content(terminal: Terminal) -> Law | None:
     """Return a storage's content at constant capacity; None if its loss also stores energy."""
     is_across = terminal.kind is Kind.ACROSS_STORAGE
     loss = terminal.through if is_across else terminal.across
-    # A loss that contains rates stores energy itself, so the content would be incomplete.
+    # A loss that contains rates stores energy too, so the content would be incomplete.
     if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
         return None
     return terminal.storage * argument("across" if is_across else "through")
@@ -242,18 +243,18 @@ def _sides(terminal: Terminal, is_across: bool) -> tuple[Law, Law]:
 
 @lru_cache(maxsize=1024)
 def across_residual(terminal: Terminal) -> Law:
-    """Return the equation of a branch with an unknown across variable."""
+    """Return the equation that determines the unknown across variable of a branch."""
     if terminal.through is not None and terminal.kind is not Kind.COUPLED:
-        # This form is symmetric if the laws are.
+        # This form is symmetric if the laws are symmetric.
         return terminal.through - argument("through")
     assert terminal.across is not None
-    # Variable minus law; if the law does not depend on the variable, the slope is one.
+    # The slope of variable minus law is one if the law does not depend on the variable.
     return argument("across") - terminal.across
 
 
 @lru_cache(maxsize=1024)
 def through_residual(terminal: Terminal) -> Law:
-    """Return the equation of a chord with an unknown through variable."""
+    """Return the equation that determines the unknown through variable of a chord."""
     if terminal.through is not None:
         return argument("through") - terminal.through
     assert terminal.across is not None
@@ -264,15 +265,15 @@ def through_residual(terminal: Terminal) -> Law:
 def friction_residual(terminal: Terminal) -> Law:
     """Return the equation of dry friction: zero relative acceleration, or the law of the mode.
 
-    It contains the same variables in all modes, so that one elimination is valid for all modes.
+    All modes have the same variables, so that one elimination is valid for all modes.
     """
     assert terminal.friction is not None
     own = terminal.friction
     through = argument("through")
     impulse = argument(f"impulse{own.suffix}") if own.presser else ZERO
     stuck, forward, backward, free, struck = _friction_weights(own)
-    # With this sign, the derivative with respect to the through variable is positive in every mode,
-    # since the through variable opposes the motion.
+    # The through variable opposes the motion. With this sign, the derivative with respect to the
+    # through variable is positive in every mode.
     return (
         -stuck * argument("across_rate")
         + forward * (through - own.forward)
@@ -287,8 +288,8 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
     """Return force, share and jump of a unilateral constraint on a mechanism.
 
     The share is one while the edge sticks or is closed, otherwise zero. The force is the multiplier
-    times the share, plus the law of the mode. In an impact, the jump is the change of the across
-    variable and replaces its rate; the rates of all states are then their changes by the impact.
+    times the share, plus the law of the mode. In an impact, the equations determine changes instead
+    of rates: the jump is the required change of the across variable.
     """
     multiplier = argument("multiplier")
     if terminal.stop is not None:
@@ -310,8 +311,8 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
 def stop_residual(terminal: Terminal) -> Law:
     """Return the equation of a rigid stop: no force, no relative acceleration, or an impact.
 
-    In an impact the mode is doubled, and the required change of the across variable replaces the
-    relative acceleration; the rates of all states are then their changes by the impact.
+    In an impact, the mode is doubled, and the equations determine changes of the states instead of
+    rates: the required change of the across variable replaces the relative acceleration.
     """
     assert terminal.stop is not None
     suffix = terminal.stop.suffix
@@ -322,7 +323,7 @@ def stop_residual(terminal: Terminal) -> Law:
 
 
 def _stop_weights(mode: Law) -> tuple[Law, Law, Law]:
-    """Return factors that are each one in one mode of a stop: open, closed, or in an impact."""
+    """Return factors, each of which is one in one mode of a stop: open, closed, in an impact."""
     return (
         (1 - mode**2) * (4 - mode**2) / 4,
         mode**2 * (4 - mode**2) / 3,
@@ -331,10 +332,10 @@ def _stop_weights(mode: Law) -> tuple[Law, Law, Law]:
 
 
 def _friction_weights(friction: Friction) -> tuple[Law, Law, Law, Law, Law]:
-    """Return expressions that are each one in one mode of friction and zero in all others.
+    """Return expressions, each of which is one in one mode of friction and zero in all others.
 
-    Doubles represent them exactly for the modes 0, 1, -1, 2 and 3: stuck, forwards, backwards, free
-    and, if the normal force acts in a stop, sticking in an impact.
+    They are exact in floating point for the modes 0, 1, -1, 2 and 3: stuck, forwards, backwards,
+    free and, if a stop provides the normal force, sticking in an impact.
     """
     mode = argument(friction.mode)
     if not friction.presser and friction.grip is None:
@@ -365,19 +366,19 @@ def spring_residual(terminal: Terminal) -> Law:
 
 @lru_cache(maxsize=1024)
 def spring_rate(terminal: Terminal) -> Law:
-    """Return a linear spring's time-differentiated law, solved for the rate of its stretch."""
+    """Return the time derivative of a linear spring's law, solved for the rate of the stretch."""
     assert terminal.storage is not None
-    # The differentiated law is affine in the rate of the stretch, with slope k.
+    # The differentiated law is affine in the rate of the stretch, with the slope k.
     at_rest = spring_residual(terminal).where(stretch_rate=0.0)
     return -at_rest / terminal.storage
 
 
 @lru_cache(maxsize=1024)
 def spring_stretch(terminal: Terminal) -> Law:
-    """Return the law of a linear spring, solved for the stretch."""
+    """Return a linear spring's law, solved for its stretch."""
     assert terminal.through is not None
     assert terminal.storage is not None
-    # The law is affine in the stretch s: f = f0 + k s, with k = ``storage``.
+    # The law f = f0 + k s is affine in the stretch s, with k = ``storage``.
     unstretched = terminal.through.where(stretch=0.0)
     return (argument("through") - unstretched) / terminal.storage
 
@@ -390,7 +391,7 @@ def explicit_residual(name: str, law: Law) -> Law:
 
 @lru_cache(maxsize=1024)
 def rate_of(law: Law) -> Law:
-    """Return a law's time derivative: the sum of its partial derivatives times rates."""
+    """Return a law's time derivative: the sum of partial derivatives times rates."""
     total = ZERO
     for name in law.changing:
         total += law.slope(name) * argument(rate_name(name))
@@ -398,7 +399,7 @@ def rate_of(law: Law) -> Law:
 
 
 def rate_name(name: str) -> str:
-    """Return the name of the rate of a law's argument."""
+    """Return the name of the argument that is the rate of another argument."""
     first, _, rest = name.partition("_")
     # "_rate" precedes the name of another port, as in across_rate_secondary.
     if first in ("across", "through") and name != first:
@@ -407,7 +408,7 @@ def rate_name(name: str) -> str:
 
 
 def higher_index(port: Port) -> FormulationError:
-    """Return the error for an edge whose rate of change no equation determines."""
+    """Return the error for an edge of which no equation determines the rate of change."""
     if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
         why = (
             "sources, gyrators or other storages determine its rate of change, which would have to"

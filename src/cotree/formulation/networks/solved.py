@@ -1,17 +1,17 @@
 """Plans: the order in which variables are computed, blocks of equations, and derivatives.
 
-Variables that depend on themselves (resistive meshes, loops of storages) form a strongly connected
-component of the dependency graph. Tearing makes some of them unknowns with one equation each, so
-that all other variables can be computed in sequence.
+Variables that depend on each other (resistive meshes, loops of storages) form a strongly connected
+component of the dependency graph. Tearing turns some of them into unknowns with one equation each,
+so that all other variables can be computed in sequence.
 
-Unknown branches divide their tree into parts; the across variable of each branch is the difference
-between the potentials of two parts. If these potentials are the unknowns, and the balances of the
-parts replace the f-cutset equations, a chord couples only the two parts that it connects, not all
+Branches with unknown across variables divide their tree into parts; each of these variables is the
+difference between the potentials of two parts. With these potentials as unknowns, and the balances
+of the parts as equations, a chord couples only the two parts that it connects, instead of all
 branches along its f-circuit.
 
 Linear blocks are solved by elimination. Unknowns that occur nonlinearly become algebraic unknowns,
-and their equations residuals. Block matrices of a sensitivity graph are the same, and are
-factorised only once.
+and their equations become residuals. Sensitivity graphs have the same block matrices, which are
+therefore factorised only once.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ class Block:
 
     unknowns: tuple[Variable, ...]  # unknowns of the block, each with one equation
     residuals: tuple[Variable, ...]  # residuals of these equations, which must be zero
-    inner: tuple[Variable, ...]  # variables computed from the unknowns, residuals last
+    inner: tuple[Variable, ...]  # variables computed from the unknowns; residuals are last
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Variables and blocks in the order of their computation, and the rules of all variables."""
+    """Variables and blocks in the order of computation, and the rules of all variables."""
 
     steps: tuple[Variable | Block, ...]
     rules: dict[Variable, Rule]
 
 
 def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
-    """Return the order in which ``roots`` and the variables that they need are computed."""
+    """Return the order in which ``roots``, and the variables they need, are computed."""
     rules = _gather(terminals.rule, roots)
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
@@ -85,7 +85,7 @@ def _undetermined(terminals: Terminals, variable: Variable) -> str:
 def _gather(
     rule_of: Callable[[Variable], Rule], roots: Iterable[Variable], known: Container[Variable] = ()
 ) -> dict[Variable, Rule]:
-    """Return the rules of all variables that the roots require, except those already known."""
+    """Return the rules of all variables that the roots need, except variables in ``known``."""
     rules: dict[Variable, Rule] = {}
     waiting = list(dict.fromkeys(roots))[::-1]
     while waiting:
@@ -97,14 +97,14 @@ def _gather(
 
 
 def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]:
-    """Return the strongly connected components, each after those on which it depends."""
+    """Return the strongly connected components, each after the components on which it depends."""
     import networkx
 
     graph = networkx.DiGraph()
     graph.add_nodes_from(needs)
     graph.add_edges_from((a, b) for a, others in needs.items() for b in others)
     order = {variable: i for i, variable in enumerate(needs)}
-    # The search completes a component only after all components on which it depends.
+    # The search completes a component after all components on which it depends.
     return [
         sorted(part, key=order.__getitem__)
         for part in networkx.strongly_connected_components(graph)
@@ -114,7 +114,7 @@ def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]
 def _rank(variable: Variable, terminals: Terminals) -> int:
     """Return the priority of a variable for tearing: symmetric equations precede couplings."""
     quantity, name = variable
-    # The equations for rates of states have the symmetric matrix of capacities or inertances; the
+    # The equations for rates of states have the symmetric matrix of capacities or inertances. The
     # conductance matrix of resistive branches is also symmetric.
     if quantity.endswith("_rate") and (quantity.removesuffix("_rate"), name) in terminals.states:
         return 0
@@ -127,11 +127,11 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
     """Turn variables of a component into unknowns, so that all others can be computed in order."""
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
-    # Tear rank by rank until the others can be computed in order; rank -1 is always unknown.
+    # Tear rank by rank until the others can be computed in order. Rank -1 is always torn.
     for rank in (-1, 0, 1, 2):
         torn |= {v: unknown for v, unknown in could.items() if _rank(v, terminals) == rank}
         residuals = [rule.residual for rule in torn.values()]  # type: ignore[attr-defined]
-        # The equations of torn variables may require further variables.
+        # The equations of torn variables may need further variables.
         extra = _gather(terminals.rule, residuals, rules)
         inside = {v: rules[v] for v in part if v not in torn} | extra
         needs = {v: [n for n in rule.needs if n in inside] for v, rule in inside.items()}
@@ -139,7 +139,7 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
         if all(len(piece) == 1 and piece[0] not in needs[piece[0]] for piece in pieces):
             rules |= torn | extra
             return Block(tuple(torn), tuple(residuals), tuple(piece[0] for piece in pieces))
-    # A cycle cannot consist of sums only.
+    # A cycle always contains a variable that is no sum.
     raise AssertionError("a component without a variable to tear")
 
 
@@ -148,14 +148,14 @@ class _Nodal:
     """Branch equations that are solved for the potentials of parts of the tree."""
 
     dag: Dag
-    factors: LinearSolver  # solves the balances of the parts for their potentials
-    #: Sign of each branch, and the branch that leads to it, or -1 if there is none.
+    factors: LinearSolver  # solver of the balances of the parts for their potentials
+    #: For each branch: its sign, and the index of the branch that leads to it, or -1.
     above: tuple[tuple[int, int], ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
         if all(value.is_zero for value in rhs):
             return list(rhs)
-        # The right-hand side of a branch enters the balances of the parts on both sides.
+        # The right-hand side of a branch enters the balances of the parts at both ends.
         balances = [self.dag.zero] * len(rhs)
         for i, (value, (sign, parent)) in enumerate(zip(rhs, self.above, strict=True)):
             out = value if sign > 0 else -value
@@ -165,7 +165,7 @@ class _Nodal:
         potentials = self.factors.solve(balances)
         found = []
         for potential, (sign, parent) in zip(potentials, self.above, strict=True):
-            # The across variable of a branch is the difference between the potentials of two parts.
+            # The across variable of a branch is a difference between potentials of two parts.
             across = potential - potentials[parent] if parent >= 0 else potential
             found.append(across if sign > 0 else -across)
         return found
@@ -180,31 +180,31 @@ def factorise_nodal(
 ) -> tuple[LinearSolver, frozenset[Variable]] | None:
     """Factorise the linear equations of a block in the potentials of parts of the tree.
 
-    Return the solver and the nonlinear unknowns, which it treats as known. Return None unless the
-    block consists of one-port resistances, the unknowns are branches, the chords are linear, and
-    potentials need fewer entries than the ``n_nonzeros`` of the branch equations.
+    Return the solver, and the nonlinear unknowns, which the solver treats as known. Return None
+    unless the block consists of one-port resistances, the unknowns are branches, the chords are
+    linear, and the equations of the potentials have fewer entries than ``n_nonzeros``.
     """
     conductances = _conductances(terminals, block, rules, values)
     if conductances is None:
         return None
     linear = [unknown for unknown in block.unknowns if unknown in conductances]
     names = [name for _, name in linear]
-    # The unknown branches divide the tree into parts; within a part, potentials differ by known
-    # amounts. The part of the reference has the number -1 and the potential zero.
+    # Unknown branches divide the tree into parts. Within a part, potentials differ by known
+    # amounts. The part of the reference has the index -1 and the potential zero.
     parts = terminals.topology(names[0]).parts(names) if linear else {}
     rows: list[dict[int, Node]] = [{} for _ in linear]
     for (_, name), conductance in conductances.items():
         port = terminals.ports[name]
         ends = parts.get(port.head, -1), parts.get(port.tail, -1)
-        # If both ends are in one part, the across variable is known.
+        # The across variable is known if both ends are in one part.
         if ends[0] == ends[1]:
             continue
         signs = [(i, sign) for i, sign in zip(ends, (1, -1), strict=True) if i >= 0]
         for i, a in signs:
             for j, b in signs:
-                # Laplacian matrix of the parts, with conductances as weights.
+                # Laplacian matrix of the parts, with the conductances as weights.
                 rows[i][j] = rows[i].get(j, conductance.dag.zero) + conductance * float(a * b)
-    # Potentials are used only if their equations have fewer entries.
+    # Use potentials only if their equations have fewer entries.
     if not linear or sum(map(len, rows)) >= n_nonzeros:
         return None
     dag = conductances[linear[0]].dag
@@ -219,7 +219,7 @@ def _conductances(
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
 ) -> dict[Variable, Node] | None:
-    """Return the conductances of a block's resistances except nonlinear branches, or None."""
+    """Return the conductances of a block's resistances, without nonlinear branches; or None."""
     unknowns = set(block.unknowns)
     symbols = {values[unknown] for unknown in unknowns}
     found: dict[Variable, Node] = {}
@@ -233,7 +233,7 @@ def _conductances(
         if quantity == "through":
             continue
         is_unknown = (quantity, name) in unknowns
-        # Potentials determine only across variables of branches, so other unknowns exclude them.
+        # Potentials determine only across variables of branches: other unknowns are not allowed.
         if is_unknown != terminals.is_branch(name):
             return None
         law = ("residual_across" if is_unknown else "through", name)
@@ -241,7 +241,7 @@ def _conductances(
         if conductance is None:
             return None
         # A law is linear if its slope does not depend on the unknowns. A nonlinear branch remains
-        # an unknown; a nonlinear chord couples parts nonlinearly, so potentials are not used.
+        # an unknown. A nonlinear chord couples parts nonlinearly, so potentials are not used.
         if symbols.isdisjoint(symbols_in([conductance])):
             found[quantity, name] = conductance
         elif not is_unknown:
@@ -260,7 +260,7 @@ def _conductance(rule: Rule, values: Mapping[Variable, Node]) -> Node | None:
 
 @dataclass(frozen=True)
 class _AtRunTime:
-    """Equations with scaled rows and columns, whose pivots are chosen at run time."""
+    """Equations with scaled rows and columns; their pivots are chosen at run time."""
 
     dag: Dag
     matrix: tuple[tuple[Node, ...], ...]
@@ -269,7 +269,7 @@ class _AtRunTime:
     n_determined: int
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
-        """Solve for a right-hand side, even if zero: the solution includes a check of the rank."""
+        """Solve, even if the right-hand side is zero: the solution includes a check of the rank."""
         n = len(rhs)
         scaled = [value * scale for value, scale in zip(rhs, self.row_scales, strict=True)]
         found = solve(
@@ -279,9 +279,9 @@ class _AtRunTime:
 
 
 def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) -> _AtRunTime:
-    """Divide rows, then columns, by the sums of their magnitudes, so that pivots are comparable."""
+    """Divide rows, then columns, by the sums of their magnitudes, to make pivots comparable."""
     n = range(len(matrix))
-    # Rows have different units: without scaling, pivots and rank would depend on them.
+    # Rows have different units: without scaling, pivots and rank would depend on units.
     rows = tuple(1.0 / _size(dag, row) for row in matrix)
     scaled = [[matrix[i][j] * rows[i] for j in n] for i in n]
     columns = tuple(1.0 / _size(dag, [scaled[i][j] for i in n]) for j in n)
@@ -295,7 +295,7 @@ def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) 
 
 
 def _size(dag: Dag, entries: Sequence[Node]) -> Node:
-    # TINY keeps a row of zeros at zero, which lowers the rank; otherwise it would become nan.
+    # TINY keeps a row of zeros at zero instead of nan, so that the rank is reduced.
     total = dag.constant(TINY)
     for entry in entries:
         total = total + dag.function("abs", entry)
@@ -305,12 +305,12 @@ def _size(dag: Dag, entries: Sequence[Node]) -> Node:
 def factorise_block(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool, n_determined: int
 ) -> LinearSolver:
-    """Factorise the equations of a block, as rows of nonzero entries.
+    """Factorise the equations of a block, given as rows of nonzero entries.
 
-    ``is_safe`` states that a symmetric matrix is positive definite in every state. The first
-    ``n_determined`` unknowns must have a unique solution.
+    ``is_safe`` means that the matrix, if it is symmetric, is positive definite in every state. The
+    first ``n_determined`` unknowns must have a unique solution.
     """
-    # If the matrix is symmetric and positive definite, any order of pivots is stable.
+    # A symmetric positive definite matrix is stable with any order of pivots.
     if is_safe and _is_symmetric(matrix):
         return factorise_definite(dag, matrix)
     n = range(len(matrix))
@@ -318,32 +318,32 @@ def factorise_block(
 
 
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
-    """Return whether symmetric entries are equal; signs differ if branches and chords are torn."""
+    """Return whether a matrix is symmetric; it is not if both branches and chords are torn."""
     return all(
         matrix[j].get(i) is entry for i, row in enumerate(matrix) for j, entry in row.items()
     )
 
 
-#: An unknown and the residual of the equation that determines it.
+#: An unknown, and the residual of the equation that determines it.
 _Pair = tuple["Variable", "Variable"]
 
-#: Number of unknowns from which resistance blocks use potentials without counting the entries of
-#: the branch equations, since the cost of their derivatives is quadratic in this number.
+#: Resistance blocks with at least this number of unknowns use potentials in any case: derivatives
+#: in branch variables, needed to count entries, would cost the square of this number.
 _MANY = 64
 
-#: Number of nonlinear unknowns from which linear unknowns of a static network are not eliminated:
-#: each equation then has few unknowns, and no full matrix is formed.
+#: With at least this number of nonlinear unknowns, a static network keeps all unknowns: each
+#: equation then has few unknowns, and no full matrix is formed.
 _MANY_BENT = 24
 
 
 @dataclass(frozen=True)
 class SolvedBlock:
-    """A block whose linear unknowns have been eliminated."""
+    """A block of which the linear unknowns have been eliminated."""
 
     #: Linear unknowns and their equations; nonlinear unknowns and their equations.
     linear: tuple[tuple[Variable, Variable], ...]
     nonlinear: tuple[tuple[Variable, Variable], ...]
-    factors: LinearSolver  # factors of the linear equations in the linear unknowns
+    factors: LinearSolver  # factors of the linear equations
 
 
 @dataclass(frozen=True)
@@ -373,8 +373,8 @@ def solve_plan(
 ) -> Solved:
     """Compute the values of all variables in a plan.
 
-    ``is_safe`` returns whether a block's linear equations must be symmetric and positive definite
-    for physical reasons. If ``is_static``, there are no states and only a start is computed.
+    ``is_safe`` returns whether physics makes a block's linear equations symmetric and positive
+    definite. ``is_static`` means that there are no states, and that only a start is computed.
     """
     dag = terminals.time.dag
     solved = Solved(dag, plan, {})
@@ -394,10 +394,10 @@ def _solve_block(
     is_safe: bool,
     is_static: bool,
 ) -> None:
-    """Determine the linear unknowns of a block, and solve for them."""
+    """Separate the linear unknowns of a block, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
     symbols = {v: dag.symbol("block", i) for i, v in enumerate(block.unknowns)}
-    # Derivatives with respect to the unknowns show the unknowns in which equations are linear.
+    # Evaluate the block with symbolic unknowns: derivatives then show which unknowns are linear.
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)
@@ -406,7 +406,7 @@ def _solve_block(
     may_hold = any(is_holding(terminals.ports, u) for u in block.unknowns)
 
     def may_share(variable: Variable) -> bool:
-        # If brakes on both sides of a gear stick, torques and tooth force are indeterminate.
+        # Torques are indeterminate if, for example, brakes on both sides of a gear stick.
         return may_hold and variable[0] == "through"
 
     if is_safe and len(pairs) >= _MANY:
@@ -425,7 +425,7 @@ def _solve_block(
     kept = {u: algebraic_symbol(len(solved.algebraic) + i) for i, (u, _) in enumerate(nonlinear)}
     solved.algebraic.update(kept)
     known = {symbols[u]: symbol for u, symbol in kept.items()}
-    # The negative right-hand side consists of the residuals at zero linear unknowns.
+    # The residuals at zero linear unknowns are the negative right-hand side.
     rest = substitute(
         [trial[r] for _, r in linear], {**known, **{symbols[u]: dag.zero for u, _ in linear}}
     )
@@ -433,7 +433,7 @@ def _solve_block(
         n_nonzeros = sum(map(len, matrix))
         entries = iter(substitute([e for row in matrix for e in row.values()], known))
         matrix = [{j: next(entries) for j in row} for row in matrix]
-        # If there are fewer potentials than branch variables, the cheaper form is used.
+        # Potentials are used if they have fewer nonzero entries than the branch variables.
         if is_safe and linear and not nonlinear:
             nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
     factors = (
@@ -453,9 +453,9 @@ def _solve_block(
 
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
-    """Return whether an unknown is not eliminated: of contents, or of friction on a joint."""
+    """Return whether an unknown is not eliminated: of contents, fields, or friction on a joint."""
     quantity, name = variable
-    # A mechanism's accelerations are eliminated later, with the forces on it as given values.
+    # Fields of friction depend on accelerations of the mechanism, which are eliminated later.
     if quantity == "field":
         return True
     if name in terminals.couplings and is_holding(terminals.ports, variable):
@@ -473,15 +473,15 @@ def _linearise(
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
     """Separate linear from nonlinear unknowns, and return the matrix of the linear ones.
 
-    If an unknown ``stays``, it is solved for iteratively although the equations are linear in it,
-    as at a start from a total of contents. If it ``is_shared``, it may be indeterminate.
+    An unknown that ``stays`` counts as nonlinear even if the equations are linear in it. An unknown
+    that ``is_shared`` may be indeterminate.
     """
     # Variables outside the block count as constant.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
     d |= {v: {v: solved.dag.one} for v in block.unknowns}
     _differentiate(solved.plan, block.inner, trial, d, lambda node, replacements: {})
     pairs = list(zip(block.unknowns, block.residuals, strict=True))
-    # An unknown that occurs in a derivative with respect to the unknowns is nonlinear.
+    # The equations are nonlinear in unknowns that occur in the derivatives.
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
@@ -526,11 +526,11 @@ def _differentiate_block(
     own = solved.blocks[block]
     for unknown, _ in own.nonlinear:
         d[unknown] = dict(given(solved.values[unknown], {}))
-    # With zero derivatives of linear unknowns, the residuals are the right-hand sides.
+    # With zero derivatives of the linear unknowns, residuals are the negative right-hand sides.
     for unknown, _ in own.linear:
         d[unknown] = {}
     _differentiate(solved.plan, block.inner, solved.values, d, given)
-    # If all unknowns are nonlinear, their tangents are known and nothing is solved for.
+    # If all unknowns are nonlinear, their tangents are known; nothing is left to solve.
     if not own.linear:
         return
     zero = solved.dag.zero
@@ -542,6 +542,6 @@ def _differentiate_block(
         for (unknown, _), value in zip(own.linear, found, strict=True):
             if not value.is_zero:
                 d[unknown][key] = value
-    # The tangents of the inner variables are recomputed from the tangents of the unknowns.
+    # Recompute the tangents of inner variables from those of the unknowns.
     if keys:
         _differentiate(solved.plan, block.inner, solved.values, d, given)

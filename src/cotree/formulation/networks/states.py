@@ -33,7 +33,7 @@ class Held:
 
     port: Port
     quantity: str  # ``across``, ``through``, ``stretch`` or ``total`` (of contents)
-    #: Name of the variable without the port's name, and its unit.
+    #: Name of the variable without the name of the port, and unit of the variable.
     short: str
     unit: str
 
@@ -54,7 +54,7 @@ class Held:
 
 
 class _Use(IntEnum):
-    """Reason to choose an edge as a branch if its position is needed, in decreasing priority."""
+    """Reason to make an edge whose position is needed a branch, in decreasing priority."""
 
     BALANCE = 0  # determined by a balance of springs
     GIVEN = 1  # has an initial value
@@ -69,11 +69,11 @@ def position_trees(
     topologies: Mapping[str, Topology],
     used: AbstractSet[str],
 ) -> dict[str, Topology]:
-    """Choose the trees of positions, whose branches are states if they are needed.
+    """Choose the trees of positions, of which needed branches are states.
 
-    Branches are first the springs whose stretch a balance of springs determines, then edges with an
-    initial value, then edges whose laws depend on their position, then edges in ``used``, in the
-    scene's order. Positions of chords follow from f-circuits ([1] eq. 2).
+    In order of preference, branches are springs whose stretch a balance of springs determines,
+    edges with an initial value, edges whose laws depend on their position, and edges in ``used``;
+    equal edges are in the scene's order. Positions of chords follow from f-circuits ([1] eq. 2).
     """
     found = {}
     for domain, graph in graphs.items():
@@ -93,7 +93,7 @@ def _use(port: Port, branches: AbstractSet[str], used: AbstractSet[str]) -> _Use
         return _Use.GIVEN
     if _uses_stretch(port):
         return _Use.LAW
-    # A position may be named with or without its port.
+    # A name may contain the port or not.
     return _Use.NAMED if {item.name, f"{port.name}.{item.short}"} & used else _Use.NONE
 
 
@@ -104,25 +104,25 @@ def held_variables(
     stores: Mapping[str, Store],
     used: AbstractSet[str],
 ) -> list[Held]:
-    """Return the states of the networks; integrals are states if used or initialised."""
+    """Return the states of the networks; integrals are states if they are used or initialised."""
     found = []
     for port in ports.values():
         if port.is_coupling:
-            # The multibody system determines the port's motion, but the integral is a state.
+            # The multibody system determines the motion of the port; only the integral is a state.
             if port.terminal.integral is not None:
                 found.append(_held(port, "stretch"))
             continue
         is_branch = port.name in topologies[port.terminal.domain].branches
         _check_content(port, stores.get(port.name))
-        # In a normal tree, across storages are branches and through storages are chords; any other
-        # storage depends on the states of other storages.
+        # In a normal tree, across storages are branches and through storages are chords. Other
+        # storages depend on the states of these.
         if port.name in stores:
             found.append(Held(port, "total", *stores[port.name].symbol))
         elif port.kind is Kind.ACROSS_STORAGE and is_branch:
             found.append(_held(port, "across"))
         elif port.kind is Kind.THROUGH_STORAGE and not is_branch:
             found.append(_held(port, "through"))
-        # A position is a state if it is a branch; a component's own integral is always a state.
+        # A position is a state if it is a branch; an integral of the component always is.
         is_held = port.terminal.integral is not None or (
             port.terminal.domain in positions
             and port.name in positions[port.terminal.domain].branches
@@ -150,7 +150,7 @@ def summed_positions(
             if _use(ports[name], topologies[domain].branches, used) not in _HELD:
                 continue
             along = topology.along(name).items()
-            # A stretch that a balance of springs determines is no state: sums with it are omitted.
+            # A stretch that a balance of springs determines is no state: omit sums that contain it.
             if all(("stretch", branch) in places for branch, _ in along):
                 item = _held(ports[name], "stretch")
                 terms = tuple((sign, places["stretch", branch]) for branch, sign in along)
@@ -159,9 +159,9 @@ def summed_positions(
 
 
 def _check_content(port: Port, store: Store | None) -> None:
-    """Raise an error if a content has an initial value but depends on others."""
+    """Raise an error if a content has an initial value but depends on other contents."""
     content = content_of(port.terminal)
-    # The content of a single storage is a state, which uses its initial value directly.
+    # The content of a single storage is a state, which has this initial value itself.
     if content is None or content[0] not in port.initial or (store and store.is_alone):
         return
     row, is_across = DOMAINS[port.terminal.domain], port.kind is Kind.ACROSS_STORAGE
@@ -199,15 +199,15 @@ def _names(terminal: Terminal, argument: str) -> bool:
 
 
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
-    """Return the entry of a state; raise an error if two initial values determine each other."""
+    """Return the entry of a state; raise an error if two initial values follow from each other."""
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
-    # All other states have only one name.
+    # States other than totals have a single name.
     if item.quantity != "total":
         return State(item.name, item.unit, symbol, initial, is_given=is_given)
     quantity = "across" if item.port.kind is Kind.ACROSS_STORAGE else "through"
     follows = _held(item.port, quantity)
-    # A charge and its voltage determine each other, so only one may have an initial value.
+    # A charge and its voltage determine each other, so only one of them may have an initial value.
     if is_given and follows.short in item.port.initial:
         raise ParameterError(
             f"edge '{item.port.edge.name}' gives initial values of both '{item.name}' and "
@@ -220,7 +220,7 @@ def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
     """Return the entry of a port's algebraic unknown; its initial value is only a guess."""
-    # A rate has no name and unit in scenes, so it has the name and unit of its variable.
+    # A rate has no name and unit in scenes, so the name and unit of the variable are used.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
     return State(item.name, item.unit, symbol, guess, is_given=False, is_algebraic=True)
@@ -233,18 +233,18 @@ def _initial(item: Held, dag: Dag, of_parameters: Resolver) -> Node:
 
 @dataclass(frozen=True)
 class Redundant:
-    """An initial value of a variable that states and sources determine."""
+    """An initial value of a variable that follows from states and sources."""
 
     name: str  # name of the variable
     variable: Variable
-    given: Node  # initial value, a function of parameters
+    given: Node  # initial value as a function of parameters
 
 
 def redundant_values(
     ports: Mapping[str, Port], held: Iterable[Held], dag: Dag, of_parameters: Resolver
 ) -> list[Redundant]:
     """Return the initial values, except guesses, of variables that follow from the states."""
-    # States use their initial values directly; other initial values must agree with them.
+    # States have their initial values directly; all other initial values must agree with them.
     known = {item.variable for item in held}
     return [
         Redundant(item.name, item.variable, _initial(item, dag, of_parameters))
@@ -262,7 +262,7 @@ def _given(port: Port) -> list[Held]:
     return [item for item in items if item.short in port.initial]
 
 
-#: Variables that states and sources determine, by kind. Other variables may be unknowns of
+#: Kinds of variables that follow from states and sources. Other variables may be unknowns of
 #: nonlinear equations, for which initial values are guesses.
 _FOLLOWING = {
     Kind.ACROSS_SOURCE: ("across",),
@@ -277,6 +277,6 @@ def _may_be_guess(item: Held) -> bool:
     kind = item.port.kind
     if item.quantity == "stretch":
         return False  # an f-circuit or the mechanism determines the variable
-    # The stretch of a nonlinear spring in a cutset of springs is an unknown of an equation.
+    # In a cutset of springs, the stretch of a nonlinear spring is an unknown of an equation.
     is_bent = kind is Kind.SPRING and item.port.terminal.storage is None
     return is_bent or item.quantity not in _FOLLOWING.get(kind, ())

@@ -1,9 +1,9 @@
 """Totals of contents (charges, flux linkages) as states, which need no rates of storages.
 
-Only the currents of other chords change the total charge of a branch capacitor and of the
-capacitors in its f-cutset. This total is the state, and an equation determines the voltages from
-it. Integration methods conserve linear invariants up to rounding, so no charge is lost at any
-tolerance. The dual case is the flux linkage along the f-circuit of an inductor.
+Consider a branch capacitor and the capacitors in its f-cutset: only the currents of other chords
+change their total charge. This total is the state, and an equation determines the voltages from it.
+Integration methods conserve linear invariants up to rounding, so no charge is lost at any
+tolerance. The flux linkage along the f-circuit of an inductor is the dual case.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
-#: State variable of each kind of storage, and the variable that is its content's rate.
+#: For each kind of storage: its state variable, and the variable that is the content's rate.
 _VARIABLES = {
     Kind.ACROSS_STORAGE: ("across", "through"),
     Kind.THROUGH_STORAGE: ("through", "across"),
@@ -35,14 +35,14 @@ class Store:
     """A sum of storage contents (charges or flux linkages) that is a state."""
 
     port: Port  # the storage whose f-cutset or f-circuit defines the total
-    #: Signs and names of the storages whose contents are added; the first one is the port.
+    #: Signs and names of the storages whose contents are added, beginning with ``port``.
     parts: tuple[tuple[int, str], ...]
     #: Signs and variables whose sum is the rate of the total.
     flows: tuple[tuple[int, Variable], ...]
 
     @property
     def is_alone(self) -> bool:
-        """Whether it is the content of a single storage."""
+        """Whether the total is the content of a single storage."""
         return len(self.parts) == 1
 
     @property
@@ -54,7 +54,7 @@ class Store:
 
     @property
     def unknown(self) -> Variable:
-        """The storage variable determined by the total."""
+        """The variable of the storage that the total determines."""
         return _VARIABLES[self.port.kind][0], self.port.name
 
 
@@ -63,7 +63,7 @@ def contents_of(
 ) -> dict[str, Law]:
     """Return the laws of storage contents, including constant capacities and inertances."""
     found = {}
-    # Unless a storage is defined by its content, voltages and currents are the states.
+    # If no storage is defined by its content, voltages and currents are the states.
     if all(content_of(port.terminal) is None for port in ports.values()):
         return {}
     for port in ports.values():
@@ -71,7 +71,7 @@ def contents_of(
         if law is None and port.kind in _VARIABLES:
             law = linear_content(port.terminal)
             own = () if law is None else law.arguments
-            # If the capacity depends on time, the current lacks the term v dC/dt of the rate.
+            # If the capacity depends on time, its law lacks the term v dC/dt of the content's rate.
             if not all(n in _VARIABLES[port.kind] or is_constant(port, n) for n in own):
                 law = None
         if law is not None:
@@ -94,7 +94,7 @@ def find_stores(
             continue
         across, through = topologies[port.terminal.domain], cutsets[port.terminal.domain]
         is_branch = name in across.branches
-        # A storage outside its position in the normal tree depends on the states of others.
+        # A storage that is not in its usual place in the normal tree depends on other storages.
         if is_branch != (port.kind is Kind.ACROSS_STORAGE):
             continue
         # Charges are summed over a cutset, flux linkages along a circuit.
@@ -103,7 +103,7 @@ def find_stores(
         elif name in through.branches:
             around = through.crossing(name)
         else:
-            around = {name: 1}  # the storage's controlled source determines the inflow
+            around = {name: 1}  # the source that this storage controls determines the inflow
         like = [n for n in around if n != name and n in contents and ports[n].kind is port.kind]
         if any(ports[n].terminal.content is not None for n in (name, *like)):
             found[name] = _store(ports, name, around, like)
@@ -118,18 +118,18 @@ def _store(
     flows: list[tuple[int, Variable]] = [
         (sign, ("loss" if n in within else flow, n))
         for n, sign in around.items()
-        # Charge that flows between storages of the total leaves it unchanged; only leakage counts.
+        # Charge that moves between storages of the total leaves it unchanged: only leakage counts.
         if n not in within or _has_loss(ports[n])
     ]
     if _has_loss(port):
         flows.append((-1, ("loss", name)))
-    # Contents of edges in the opposite direction have the opposite sign.
+    # The contents of edges in the opposite direction are subtracted.
     parts = ((1, name), *((-around[n], n) for n in like))
     return Store(port, parts, tuple(flows))
 
 
 def _has_loss(port: Port) -> bool:
-    """Return whether the rate of the quantity stored at a port has a term besides the inflow."""
+    """Return whether the rate of a port's content has a term besides the inflow."""
     is_across = port.kind is Kind.ACROSS_STORAGE
     return (port.terminal.through if is_across else port.terminal.across) is not None
 

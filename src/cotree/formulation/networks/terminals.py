@@ -1,4 +1,4 @@
-"""The rules of all network variables: f-circuits, f-cutsets and terminal equations, by name."""
+"""The rules of all network variables: f-circuits, f-cutsets and terminal equations."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Terminals:
     """Topology and terminal equations of all networks, which yield the rule of each variable."""
 
     ports: Mapping[str, Port]  # edges of all scalar graphs, by name
-    #: Graphs by domain, with the trees of across variables, of through variables and of positions.
+    #: By domain: graphs with the trees of across variables, of through variables and of positions.
     topologies: Mapping[str, Topology]
     cutsets: Mapping[str, Topology]
     positions: Mapping[str, Topology]
@@ -65,19 +65,19 @@ class Terminals:
     measured: Mapping[Node, Variable]  # variables represented by symbols in fields
     time: Node  # symbol of time in the program
     couplings: Mapping[str, Coupling]  # motion of ports that act on a multibody system
-    #: Totals of contents that are states, by port.
+    #: Totals of contents that are states, by the port that defines them.
     stores: Mapping[str, Store]
     contents: Mapping[str, Law]  # contents of storages, by port
     modes: frozenset[Node]  # symbols of the modes, which change only at events
-    #: Controlled sources whose laws determine their controlling variables, by controlling edge.
+    #: By controlling edge: controlled sources whose laws determine the controlling variables.
     swaps: Mapping[str, Swap]
     #: Multipliers of friction and stops on the mechanism, by port.
     multipliers: Mapping[str, Node]
     #: Fields of friction and stops that depend on forces or accelerations: algebraic unknowns.
     reacting: frozenset[tuple[str, str]]
-    #: Conditions on parameters for values whose rates are used to be free of jumps.
+    #: Conditions on parameters under which values whose rates are used do not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
-    #: Values whose rates jump at unknown times (kinks), and symbols on which the times depend.
+    #: Values whose rates jump at unknown times (kinks), and the symbols that determine these times.
     kinks: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
@@ -94,7 +94,7 @@ class Terminals:
     def rule(self, variable: Variable) -> Rule:
         """Return the rule of a variable."""
         quantity, name = variable
-        # A quantity with the suffix _rate is the time derivative of the quantity without it.
+        # The suffix _rate denotes the time derivative of a quantity.
         base, _, rate = quantity.partition("_")
         rate = f"_{rate}" if rate else ""
         if base == "residual":
@@ -141,7 +141,7 @@ class Terminals:
         if name in self.couplings and port.terminal.integral is None:
             motion = self.couplings[name]
             return FieldRule(motion.value if quantity == "stretch" else motion.rate)
-        # The stretch is the time integral of the terminal's variable, so its rate is not a state.
+        # The stretch is an integral, of which the law defines the rate.
         if quantity != "stretch":
             integral = integral_of(port.terminal)
             assert integral is not None
@@ -149,20 +149,20 @@ class Terminals:
         if variable in self.states:
             return FieldRule(self.states[variable])
         if port.is_short:
-            return Sum(())  # a circuit without other edges
+            return Sum(())  # an edge from a node to itself has no circuit
         positions = self.positions[port.terminal.domain]
         if name not in positions.branches:
-            # Positions are across variables, so f-circuits determine positions of chords.
+            # Positions are like across variables: f-circuits determine those of chords.
             return positions.circuit(name, "")
         if port.terminal.storage is None:
             return Unknown(("residual_stretch", name))
         return self._lawful(port, spring_stretch(port.terminal))
 
     def _content(self, base: str, name: str, rate: str) -> Rule:
-        """Return the rule of a content, of a total of contents, or of the remainder of its rate."""
+        """Return the rule of a content, of a total of contents, or of a storage's loss."""
         port, store = self.ports[name], self.stores.get(name)
         if base == "content":
-            # A state is read directly, not computed from variables that depend on it.
+            # A total of one content is that content: read the state directly.
             base = "total" if store is not None and store.is_alone else "stored"
         if base == "total":
             assert store is not None
@@ -179,14 +179,14 @@ class Terminals:
         port = self.ports[name]
         if name in self.couplings:
             motion = self.couplings[name]
-            # The mechanism determines it, as for a chord parallel to the joint (Eq. (2)).
+            # The mechanism determines the variable, as for a chord parallel to the joint (Eq. (2)).
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:
-            return Sum(())  # a circuit without other edges
+            return Sum(())  # an edge from a node to itself has no circuit
         if self._is_swapped(name, "across"):
             return Unknown((f"residual_across{rate}", name))
         if not self.is_branch(name):
-            # The f-circuit determines a chord's across variable, the law its through variable.
+            # The f-circuit determines the across variable of a chord, its law the through variable.
             return self.topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
             if name in self.stores:
@@ -194,11 +194,11 @@ class Terminals:
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, True))
             return FieldRule(self.states["across", name])
-        # The other springs of its cutset determine the state of a spring or through storage.
+        # Other edges of the cutset determine a spring or through storage that is a branch.
         if port.kind is Kind.SPRING and not rate:
             if port.terminal.storage is None:
                 return Unknown(("residual_across", name))
-            # Stretches in a cutset of springs depend on each other, and this one is not a state.
+            # Springs in a cutset depend on each other: the stretch of this one is not a state.
             law = spring_rate(port.terminal)
         elif port.kind is Kind.THROUGH_STORAGE and not rate:
             law = stored_value(port.terminal, False)
@@ -213,7 +213,7 @@ class Terminals:
     def _through(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
         if name not in self.couplings and name in self._cutset(name).branches:
-            # For a branch, the f-cutset determines the through variable (Eq. (1)).
+            # The f-cutset determines the through variable of a branch (Eq. (1)).
             return self._cutset(name).cutset(name, rate)
         if self._is_swapped(name, "through"):
             return Unknown((f"residual_through{rate}", name))
@@ -226,7 +226,7 @@ class Terminals:
                 return self._lawful(port, stored_rate(port.terminal, False))
             return FieldRule(self.states["through", name])
         if port.kind is Kind.ACROSS_STORAGE and not rate:
-            # In a loop of across storages, the other storages determine the state.
+            # Other storages of the loop determine an across storage that is a chord.
             law = stored_value(port.terminal, True)
         elif port.terminal.through is not None and port.kind is not Kind.ACROSS_STORAGE:
             law = port.terminal.through
@@ -240,14 +240,14 @@ class Terminals:
         return name in self.swaps and self.swaps[name].quantity == quantity
 
     def _controlling(self, swap: Swap, rate: str) -> Rule:
-        """Return the equation of a controlling variable: the source's variable minus its law."""
+        """Return the equation of a controlling variable: variable of the source minus its law."""
         port, gives = swap.source, GIVES[swap.source.kind]
         law = getattr(port.terminal, gives)
         law = self._rate_of_law(port, law) if rate else law
         return self._lawful(port, explicit_residual(f"{gives}{rate}", law))
 
     def torn(self, variable: Variable) -> Unknown | None:
-        """Return the rule of a variable as an unknown with its own equation, or None for sums."""
+        """Return a variable's rule as an unknown with an equation; None for sums and fields."""
         quantity, name = variable
         base = quantity.partition("_")[0]
         may_be = base in ("across", "through") or quantity == "stretch"
@@ -265,8 +265,8 @@ class Terminals:
         if self._is_swapped(name, base):
             return self._controlling(self.swaps[name], f"_{rate}" if rate else "")
         if name in self.stores and quantity in ("across", "through"):
-            # The residual is the sum of the contents by their laws minus the total, which is a
-            # state. It is zero for the correct voltages or currents.
+            # Residual: the sum of the contents by their laws, minus the total, which is a state. It
+            # is zero for the correct voltages or currents.
             parts = ((sign, ("stored", part)) for sign, part in self.stores[name].parts)
             return Sum((*parts, (-1, ("total", name))))
         if name in self.stores and quantity in ("across_rate", "through_rate"):
@@ -307,13 +307,13 @@ class Terminals:
 
     @cached_property
     def _changing(self) -> dict[Node, Variable]:
-        """The variables of all changing symbols in fields, including network states."""
+        """Variables of all changing symbols in fields, including network states."""
         return {symbol: variable for variable, symbol in self.states.items()} | {**self.measured}
 
     def _rate_of_field(
         self, edge: str, field: str, node: Node
     ) -> tuple[Node, dict[Node, Variable]]:
-        """Return a field's time derivative, and the variables of new symbols in it."""
+        """Return a field's time derivative, and the variables of new symbols in this derivative."""
         one = self.time.dag.one
         moving: dict[Node, Node] = {self.time: one}
         rates: dict[Node, Variable] = {}
@@ -321,7 +321,7 @@ class Terminals:
         for symbol in symbols_in([node]):
             if symbol in self._changing:
                 quantity, name = self._changing[symbol]
-                # Chain rule: the rate of a variable is itself a variable with its own symbol.
+                # Chain rule: the rate of a variable is a further variable, with its own symbol.
                 moving[symbol] = self.time.dag.symbol("network_rate", symbol.index)
                 rates[moving[symbol]] = (f"{quantity}_rate", name)
             elif symbol in self.modes and is_of_content(self.ports.values(), edge, field):
@@ -344,7 +344,7 @@ class Terminals:
         )
 
     def _require_continuity(self, edge: str, what: str, node: Node) -> None:
-        """Raise an error if a value jumps; if that depends on parameters only, add a guard."""
+        """Raise an error if a value jumps; if the jump depends on parameters only, add a guard."""
         changing, breach = [self.time, *self._changing], self._refused(edge, "jumps")
         for guard in guards_of(node, changing, self.time, what, breach):
             self.guards[guard.value] = guard
@@ -353,14 +353,14 @@ class Terminals:
             self.kinks[what] = looked_at
 
     def _rate_of_law(self, port: Port, law: Law) -> Law:
-        """Return a law's time derivative; raise an error if a waveform in it jumps."""
+        """Return a law's time derivative; raise an error if a waveform in the law jumps."""
         known = {
             name: self.time if name == "t" else self.fields.get((port.edge.name, name))
             for name in law.arguments
         }
         if port.kind in (Kind.ACROSS_SOURCE, Kind.THROUGH_SOURCE) and None not in known.values():
             value = law.value(self.time.dag, {name: v for name, v in known.items() if v})
-            if value not in known.values():  # fields have their own check
+            if value not in known.values():  # fields are checked separately
                 what = f"{port.edge.component.name} '{port.edge.name}'"
                 self._require_continuity(port.edge.name, what, value)
         return rate_of(law)

@@ -1,8 +1,8 @@
 """f-circuits and f-cutsets of scalar graphs as sums of variables.
 
-Circuits are differences of prefix sums from the nearest common ancestor. Cutsets are suffix sums
-over the cutsets of outer branches, unless a chord of these ends at the node in between. Common
-parts are computed once, and no term is added and subtracted again.
+Circuits are differences of prefix sums, which begin at the nearest common ancestor. Cutsets are
+suffix sums of the cutsets of outer branches, unless one of their chords ends at the node in
+between. Common parts are computed once, and no term is added and later subtracted.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Topology:
 
     domain: str  # physical domain of the graph, such as ``electrical``
     tree: Tree  # the graph's normal tree, or its tree of positions
-    #: Quantities that circuits sum: along a single branch, and along several branches.
+    #: Quantities that circuits sum: of a single branch, and of several branches.
     across: str = "across"
     prefix: str = "path"
 
@@ -53,14 +53,14 @@ class Topology:
 
     @cached_property
     def branches(self) -> frozenset[str]:
-        """The names of the tree's branches."""
+        """Names of the tree's branches."""
         return frozenset(self.tree.branches)
 
     @cached_property
     def _tops(self) -> tuple[dict[str, str], dict[str, str]]:
-        """The first node of each node's heavy path, and the next node outwards on it."""
-        # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): any
-        # path outwards changes between heavy paths at most log2(n) times.
+        """First node of each node's heavy path, and next node outwards on this path."""
+        # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): a path
+        # outwards changes between heavy paths at most log2(n) times.
         sizes = dict.fromkeys(self._places, 1)
         following: dict[str, str] = {}
         for node, place in reversed(self._places.items()):  # children before parents
@@ -78,17 +78,17 @@ class Topology:
     def _ancestor(self, a: str, b: str) -> str:
         places, tops = self._places, self._tops[0]
         while tops[a] != tops[b]:
-            # Leave the path that begins farther from the reference.
+            # Leave the heavy path that begins farther from the reference.
             if places[tops[a]].depth < places[tops[b]].depth:
                 a, b = b, a
             a = places[tops[a]].parent
-        # On a common path, the node nearer to the reference is the ancestor.
+        # On a common heavy path, the node nearer to the reference is the ancestor.
         return a if places[a].depth < places[b].depth else b
 
     def _toward(self, ancestor: str, node: str) -> str:
-        """Return the first branch on the way from an ancestor to another node."""
+        """Return the first branch on the path from an ancestor to another node."""
         tops, following = self._tops
-        # Move inwards until the ancestor's path is reached; remember the last node.
+        # Move inwards until the ancestor's heavy path is reached; remember the last node.
         child = following[ancestor]
         while tops[node] != tops[ancestor]:
             child = tops[node]
@@ -119,18 +119,18 @@ class Topology:
         return [(1, (f"{self.prefix}{rate}", f"{self.domain}|{ancestor}|{node}"))]
 
     def path(self, ancestor: str, node: str, rate: str) -> Sum:
-        """Return the prefix sum from an ancestor to a node, which extends its parent's ([1] eq. 2).
+        """Return the prefix sum from an ancestor to a node: parent's sum plus a term ([1] eq. 2).
 
         ``rate`` is the suffix of the quantity: "", or "_rate" for the rate of the across variable.
         """
         place = self._places[node]
-        # Each prefix is one variable, which circuits through the same nodes share.
+        # Each prefix is one variable, which all circuits through the same nodes share.
         before = self._along(ancestor, place.parent, rate)
         return Sum((*before, (place.sign, (f"{self.across}{rate}", place.branch))))
 
     @cached_property
     def _ends(self) -> dict[str, list[tuple[int, int]]]:
-        """Chords that end at each node, as number and direction outwards."""
+        """Chords that end at each node, by number, with +1 or -1 for the direction."""
         ends: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
         for number, chord in enumerate(self.tree.chords):
             edge = self.tree.graph.edge(chord)
@@ -140,13 +140,13 @@ class Topology:
 
     @cached_property
     def _cuts(self) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
-        """For each branch: count, sum of numbers and sum of directions of its cutset's chords.
+        """For each branch: count, sum of numbers and sum of directions of the chords in its cutset.
 
-        Also the branches with a chord in their cutset that is not in the cutset of the next inner
-        branch, because the chord's circuit closes at the node between both branches.
+        Also return the branches of which a chord in the cutset is not in the cutset of the next
+        inner branch, because its circuit closes at the node between both branches.
         """
         # For each node: number of chord ends, sum of chord numbers, sum of directions. Suffix sums
-        # turn them into totals over the part beyond a branch.
+        # turn them into totals over the part of the tree beyond each branch.
         totals = {node: (0, 0, 0) for node in self._places}
         open_branches: set[str] = set()
 
@@ -156,11 +156,11 @@ class Topology:
 
         for number, chord in enumerate(self.tree.chords):
             edge = self.tree.graph.edge(chord)
-            # If only one chord remains, these three totals identify it.
+            # If only one chord crosses a branch, these three totals identify it.
             add(edge.head, number, 1, 1)
             add(edge.tail, number, 1, -1)
             ancestor = self._ancestor(edge.tail, edge.head)
-            add(ancestor, number, -2, 0)  # circuits that close here do not cross the branch
+            add(ancestor, number, -2, 0)  # circuits that close here cross no inner branch
             open_branches |= {
                 self._toward(ancestor, node) for node in (edge.tail, edge.head) if node != ancestor
             }
@@ -174,7 +174,7 @@ class Topology:
         return found, open_branches
 
     def _crossing(self, branch: str) -> list[tuple[int, int]]:
-        """Return the chords with exactly one end beyond a branch."""
+        """Return the chords of which exactly one end is beyond a branch."""
         found, waiting = [], [branch]
         while waiting:
             name = waiting.pop()
@@ -187,12 +187,12 @@ class Topology:
         return {place.branch: node for node, place in self._places.items() if place.branch}
 
     def crossing(self, branch: str) -> dict[str, int]:
-        """Return the chords, with signs, whose sum is a branch's through variable."""
+        """Return the chords, with signs, of which the sum is a branch's through variable."""
         chords, sign = self.tree.chords, -self._sign(branch)
         return {chords[number]: sign * own for number, own in self._crossing(branch)}
 
     def along(self, chord: str) -> dict[str, int]:
-        """Return the branches, with signs, whose sum is a chord's across variable."""
+        """Return the branches, with signs, of which the sum is a chord's across variable."""
         edge = self.tree.graph.edge(chord)
         ancestor = self._ancestor(edge.tail, edge.head)
         found = {}
@@ -205,7 +205,7 @@ class Topology:
 
     @cached_property
     def _beyond(self) -> dict[str, list[str]]:
-        """The branches that directly follow each branch outwards."""
+        """For each branch: the branches that follow next outwards."""
         following: defaultdict[str, list[str]] = defaultdict(list)
         for place in self._places.values():
             if place.branch:
@@ -216,7 +216,7 @@ class Topology:
         return self._places[self._outer[branch]].sign
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return each branch's sign and the index of the branch that leads to it, or -1."""
+        """Return each branch's sign, and the index of the branch that leads to it, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         found = []
         for name in branches:
@@ -228,7 +228,7 @@ class Topology:
         return found
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
-        """Divide the tree at branches; return the branch index of each node's part, or -1."""
+        """Divide the tree at branches; return each node's part: the index of a branch, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         found: dict[str, int] = {}
         for node, place in self._places.items():  # parents before children
@@ -241,7 +241,7 @@ class Topology:
         # If only one chord crosses the cut, no sum is needed.
         if n == 1:
             chord = self.tree.chords[number]
-            # The branch supplies the flow that leaves through the chords, hence the sign.
+            # The branch supplies the flow that leaves through the chords: opposite signs.
             return Sum(((-self._sign(branch) * sign, (f"through{rate}", chord)),))
         return Sum(((-self._sign(branch), (f"flow{rate}", branch)),))
 
@@ -249,12 +249,12 @@ class Topology:
         """Return the sum of the through variables of chords that leave the part beyond a branch."""
         cuts, open_branches = self._cuts
         terms: list[tuple[int, Variable]] = []
-        # First the chords that end at the node itself, then the sums of the branches beyond it.
+        # Chords that end at the node itself come first, then the sums of the branches beyond it.
         own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
             n, number, sign = cuts[other]
-            # The sum of an outer branch is used only if all of its chords also cross this branch:
-            # a chord whose circuit closes at this node would be added and subtracted again.
+            # Use the sum of an outer branch only if all of its chords also cross this branch. A
+            # chord whose circuit closes at this node would be added and then subtracted.
             if n > 1 and other not in open_branches:
                 terms.append((1, (f"flow{rate}", other)))
             elif n == 1:
@@ -269,7 +269,7 @@ def _once(ends: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
     """Return the chords that occur exactly once, in order."""
     found: dict[int, int] = {}
     for number, sign in ends:
-        # A chord with both ends beyond the branch does not cross it: remove it again.
+        # A chord with both ends beyond the branch does not cross it: remove it.
         if found.pop(number, None) is None:
             found[number] = sign
     return sorted(found.items())
