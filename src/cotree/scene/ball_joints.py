@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-#: Added to the magnitude of an angular velocity, whose slope is infinite at zero, [rad/s].
+#: Added in quadrature to an angular speed, [rad/s]: the slope of a root at zero is infinite.
 _SLOWEST = 1e-8
 
 _NAMES = ("turn1", "turn2", "turn3")
 
 
 def with_ball_joints(scene: _Scene) -> _Scene:
-    """Replace each port of a damper on a spherical joint by three ports."""
+    """Replace each port of a damper on a spherical joint by three ports, one per axis."""
     made = scene
     for port in scalar_ports(scene).values():
         joint = scene.edges.get(port.ends.acts_on[0]) if len(port.ends.acts_on) == 1 else None

@@ -1,7 +1,8 @@
 """Replacement of jumps and branches in registered laws by modes and events.
 
-For each ``sign``, ``floor`` or comparison of variables, the law has an additional field with a
-mode. Kinks of a ``Piecewise`` also become events, so that each branch is integrated separately.
+Each ``sign``, ``floor`` or comparison of variables becomes a mode, which the law receives as an
+additional field. Kinks of a ``Piecewise`` also become events, so that each branch is integrated
+separately.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def jumps_in(tree: ast.expr) -> list[ast.expr]:
-    """List the signs, and the comparisons of two values, in a tree."""
+    """Return the signs, and the comparisons of two values, in a tree."""
     return [
         node
         for node in ast.walk(tree)
@@ -54,7 +55,7 @@ def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
 
 
 def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast.expr], Node]:
-    """Return a function that turns trees into nodes of one arena, which shares equal nodes."""
+    """Return a function from trees to nodes of one graph, in which equal trees become one node."""
     dag = Dag()
     symbols = {
         name: dag.symbol(PARAMETER if name in parameters else STATE, i)
@@ -68,7 +69,7 @@ def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -
     lowered = _lowering(names_in(whole), parameters)
     looked_at, is_larger = boundary_of(part)
     if isinstance(part, ast.Compare):
-        # For equal numbers, a comparison folds to its value on one side: >= is true, > is false.
+        # A comparison of equal numbers folds to one of its two values: >= to true, > to false.
         same = ast.Constant(0.5)
         kinds = (ast.GtE(), ast.Gt()) if is_larger else (ast.Gt(), ast.GtE())
         sides: list[ast.expr] = [ast.Compare(same, [op], [same]) for op in kinds]
@@ -78,14 +79,14 @@ def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -
     try:
         above, below = (lowered(_with(whole, part, side)) for side in sides)
         return agree_at(above, below, lowered(looked_at))
-    except (ArithmeticError, ValueError):  # undefined at some points: continuity cannot be proved
+    except (ArithmeticError, ValueError):  # an undefined expression cannot be proved continuous
         return False
 
 
 def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) -> ast.expr:
     """Return a branch in which ``sqrt(x - b)`` is ``sqrt(max(x - b, 0))`` if b is its boundary.
 
-    A step stays on the branch on which it begins, and evaluates it slightly beyond the boundary.
+    A step stays on the branch on which it begins, and may evaluate it slightly beyond the boundary.
     """
     ends = partial(_vanishes_at, boundary, parameters)
 
@@ -106,7 +107,7 @@ def _vanishes_at(boundary: ast.expr, parameters: Container[str], tree: ast.expr)
     try:
         value = lowered(tree)
         return agree_at(value, value.dag.zero, lowered(boundary))
-    except (ArithmeticError, ValueError):  # the expression is undefined everywhere
+    except (ArithmeticError, ValueError):  # raised if the expression is undefined everywhere
         return False
 
 
@@ -119,12 +120,12 @@ def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
     return map_tree(whole, lambda own: by if own is part else None)
 
 
-#: Returns the name of the mode that replaces a jump, or its tree; also receives its owner.
+#: Function (tree of a jump, text for messages) that returns the mode's name or its tree.
 Rewrite = Callable[[ast.expr, str], ast.expr]
 
 _LAWS = ("across", "through", "storage", "content")
 
-#: Laws whose kinks are jumps of a capacity or inertance, and therefore become events.
+#: Kinks of these laws are jumps of a capacity or inertance, so they become events.
 _OF_RATES = ("storage", "content")
 
 
@@ -132,7 +133,7 @@ def branches(law: Law | None) -> bool:
     """Return whether a law contains jumps or branches."""
     import sympy
 
-    # Absolute values, maxima and minima are not included: they have kinks, but no jumps.
+    # Absolute values, maxima and minima have kinks, but no jumps, so they are not included.
     kinds = (sympy.Piecewise, sympy.sign, sympy.floor, sympy.ceiling, sympy.Mod, sympy.Heaviside)
     return law is not None and law.expression is not None and law.expression.has(*kinds)
 
@@ -145,15 +146,15 @@ def may_branch(edge: Edge) -> bool:
 
 
 def check_located(edge: Edge, parameters: Container[str]) -> None:
-    """Raise if the law of a registered force element jumps, since no event can locate the jump."""
+    """Raise if the law of a registered force element jumps: no event can locate the jump."""
     law = edge.component.law
     if edge.component.name in OWN or law is None or not branches(law):
         return
     names: dict[str, ast.expr] = {name: ast.Name(name) for name in law.arguments}
-    # Kinks need no event, since the sensitivities of the states are continuous there.
+    # Kinks need no event, because the sensitivities of the states are continuous there.
     tree = to_tree(plain_jumps(law.expression), names)
     if tree is not None:
-        # A floor jumps at all integers, so that a test at zero does not prove continuity.
+        # A floor jumps at all integers, so a test at zero does not prove continuity.
         has_floor = any(getattr(node, "id", "") == "floor" for node in ast.walk(tree))
         if not has_floor and all(has_only_kink(tree, part, parameters) for part in jumps_in(tree)):
             return
@@ -165,7 +166,7 @@ def check_located(edge: Edge, parameters: Container[str]) -> None:
 
 
 def check_contents(scene: SceneDescription, edge: Edge) -> None:
-    """Raise if the content law of a storage jumps, since its rate would be an impulse."""
+    """Raise if the content law of a storage jumps, because its rate would be an impulse."""
     for i, port in enumerate(edge.component.ports):
         if port.content is None:
             continue
@@ -173,10 +174,10 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
         time, seen = dag.symbol("t", 0), dict[str, Node]()
 
         def resolve(name: str, dag: Dag = dag, seen: dict[str, Node] = seen) -> Node:
-            # In expressions a parameter takes precedence over an output of the same name.
+            # In expressions, a parameter takes precedence over an output of the same name.
             if name in scene.outputs and name not in scene.parameters:
                 return scene.outputs[name].lower(dag, resolve)
-            # Outputs are replaced by their expressions; other names are variables.
+            # Outputs are replaced by their expressions; all other names are variables.
             kind = "p" if name in scene.parameters else "x"
             return seen.setdefault(name, dag.symbol("t" if name == "t" else kind, len(seen)))
 
@@ -213,7 +214,7 @@ def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> E
         ports.append(replace(port, **changed))
     if not fields:
         return edge
-    # The laws contain the modes as fields of the edge, which may vary during a run.
+    # Laws refer to the modes as fields of the edge, which may vary during a run.
     rows = tuple(Field(name, "", "", required=True, constant=False) for name in fields)
     component = replace(edge.component, ports=tuple(ports), fields=(*edge.component.fields, *rows))
     return replace(edge, component=component, fields={**edge.fields, **fields})
@@ -224,7 +225,7 @@ def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
     for other in edge.component.ports:
         row = DOMAINS[other.domain]
         for quantity, symbol in (("across", row.across_symbol), ("through", row.through_symbol)):
-            # Results, events and fields have the names ``edge.symbol`` or ``edge.port.symbol``.
+            # Results, events and fields use the names ``edge.symbol`` or ``edge.port.symbol``.
             own = _dotted(edge.name, other.port, symbol)
             if other is port:
                 found[quantity] = own
@@ -290,7 +291,7 @@ def _branched(
         symbol = sympy.Symbol(name, real=True)
         if isinstance(atom, sympy.core.relational.Relational):
             holds = symbol > sympy.Rational(1, 2)
-            # Comparisons with a mode jump only at events.
+            # Comparisons with a mode jump only at events, so they are kept.
             kept |= {holds, holds.negated}
             whole = whole.xreplace({atom: sympy.Not(holds) if is_upper else holds})
         else:
@@ -324,7 +325,7 @@ def _clipped_law(
 
 
 def _kinks(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]) -> set[Any]:
-    """List the signs and comparisons at which a law as a whole is continuous."""
+    """Return the signs and comparisons at which a law as a whole is continuous."""
     import sympy
 
     whole = plain_jumps(law.expression)
@@ -379,7 +380,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
         form = _FORMS[kind]
         # Sums, products, maxima and minima may have any number of arguments.
         return reduce(partial(fill, form), trees) if len(trees) > 2 else fill(form, *trees)
-    # Other functions do not exist in the grammar.
+    # The grammar has no other functions.
     if FUNCTIONS.get(kind) != len(trees):
         return None
     return ast.Call(ast.Name(kind), trees, [])
@@ -387,7 +388,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
     """Return a ``Piecewise`` as nested conditionals, or None if a part has no such form."""
-    # The last branch is unconditional, and the first one outermost.
+    # Nesting starts with the last branch, which is unconditional, and ends with the first.
     whole = to_tree(expression.args[-1][0], names)
     for value, condition in reversed(expression.args[:-1]):
         own, holds = to_tree(value, names), to_tree(condition, names)

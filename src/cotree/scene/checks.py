@@ -1,6 +1,6 @@
 """Checks of a scene: units of variables, dimensions of expressions, impossible inertias.
 
-Numbers in products may have any unit unless they are declared to be dimensionless.
+Numbers in products may have any unit unless they count as dimensionless.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
 
 
-#: Callback that returns the dimension of a name, or None if it is unknown.
+#: Function that returns the dimension of a name, or None if it is unknown.
 Known = Callable[[str], "Dimension | None"]
 
 _NONE = read_unit("1").dimension
@@ -40,7 +40,7 @@ _PLAIN = {0.25, 0.5, 1.5, *map(float, range(1, 13))}
 
 _XYZ = "xyz"
 
-#: Variables of a node with their units; components are in ground axes.
+#: Variables of a node with their units; components are along the axes of the ground.
 NODE_VARIABLES: dict[str, str] = {
     **dict.fromkeys(_XYZ, "m"),
     **{f"v{i}": "m/s" for i in _XYZ},
@@ -51,7 +51,7 @@ NODE_VARIABLES: dict[str, str] = {
     **dict.fromkeys(("roll", "pitch", "yaw"), "rad"),
 }
 
-#: Variables of a joint, constraint or force element, on its second node in ground axes.
+#: Variables of a joint, constraint or force element; forces act on its second node, in ground axes.
 EDGE_VARIABLES: dict[str, str] = {
     **{f"f{i}": "N" for i in _XYZ},
     **{f"t{i}": "N m" for i in _XYZ},
@@ -101,9 +101,9 @@ class VariableUnits:
 
 
 class Dimensions:
-    """Determines the dimension of an expression, and records contradictions in it.
+    """Dimensions of expressions, and the contradictions found in them.
 
-    With ``with_plain_numbers``, small numbers such as 2 and 0.5 are dimensionless.
+    If ``with_plain_numbers``, small numbers such as 2 and 0.5 count as dimensionless.
     """
 
     def __init__(self, known: Known, *, with_plain_numbers: bool = False) -> None:
@@ -140,7 +140,7 @@ class Dimensions:
             case ast.Call(func=called, args=args) if table_of(called):
                 for arg in args:
                     self.of(arg)
-                return None  # the unit of a table is not known
+                return None  # tables have no stated unit
             case ast.Call(func=ast.Name(id=function), args=args):
                 return self._call(function, args)
         return None
@@ -199,7 +199,7 @@ def dimension_of_unit(text: str) -> Dimension | None:
 
 
 def stated_values(edge: Edge) -> Iterator[tuple[str, str, Expression]]:
-    """List the values that a scene states for an edge, as name, unit and expression."""
+    """Yield the values that a scene states for an edge, as name, unit and expression."""
     for row in edge.component.fields:
         if row.unit and row.shape is not Shape.EXPRESSION and row.name not in _DIRECTIONS:
             for entry in entries(edge.fields.get(row.name)):
@@ -210,7 +210,7 @@ def stated_values(edge: Edge) -> Iterator[tuple[str, str, Expression]]:
             yield f"initial {name} of edge '{edge.name}'", units.get(name, ""), entry
 
 
-#: Fields whose length has no effect.
+#: Vectors that only state a direction: their length, and thus their unit, has no effect.
 _DIRECTIONS = frozenset({"axis", "axis2", "normal"})
 
 
@@ -252,15 +252,15 @@ def _number(tree: ast.expr) -> float | None:
 # Relative tolerance of the triangle inequality, for moments of thin bodies rounded to six digits.
 _WRITTEN = 2e-5
 
-# Fraction of the largest mass below which rounding errors of forces affect a body.
+# Rounding errors of forces affect bodies below this fraction of the largest mass.
 _TINY = 1e-8
 
-#: Principal moments between minus this fraction of their sum and zero are rounding errors.
+#: Principal moments between zero and minus this fraction of their sum are rounding errors.
 ROUNDING = 1e-12
 
 
 def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
-    """List bodies so light that rounding errors of balanced forces shorten steps, with messages."""
+    """Yield bodies so light that rounding of balanced forces shortens steps, with messages."""
     values = parameter_values(scene.parameters)
     dag = Dag()
     masses: dict[str, float] = {}
@@ -284,14 +284,14 @@ def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
 
 
 def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
-    """List the messages of :func:`inertia_faults`."""
+    """Yield the messages of :func:`inertia_faults`."""
     return (fault for _, fault in inertia_faults(scene))
 
 
 def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
-    """List bodies with impossible moments of inertia, with messages.
+    """Yield bodies with impossible moments of inertia, with messages.
 
-    No moment may be negative or, except in planar scenes, exceed the sum of the two others.
+    A moment must not be negative or, except in planar scenes, exceed the sum of the other two.
     """
     is_plane = bool(motion_spaces(scene).plane)
     for edge in scene.edges.values():
@@ -322,7 +322,7 @@ def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
 
 
 def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:
-    """Evaluate a tensor, or three principal moments, at the parameters' values."""
+    """Return a tensor, also from three principal moments, for the scene's parameter values."""
     # If all parameters are constants, expressions are folded to numbers.
     dag, values = Dag(), parameter_values(scene.parameters)
 

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 class ComponentMethod:
-    """The method of one component, which is created when it is first used."""
+    """Descriptor of one component's method, which is created when it is first used."""
 
-    # Creating all ninety methods would take longer than reading a scene.
+    # Creating all ninety methods at import would take longer than reading a scene.
     def __init__(self, type: str) -> None:
         self.type = type
 

@@ -1,4 +1,4 @@
-"""The data of a scene: a user's statements, each checked when it is made."""
+"""The data of a scene: the user's statements, each checked when it is made."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["Edge", "Input", "SceneDescription"]
 
 
-#: Tables of a scene to which parts add rows.
+#: Tables of a scene to which parts add declarations.
 TABLES = ("tables", "parameters", "inputs", "modes", "edges", "outputs", "events")
-#: Largest number of edges, and of declarations from parts, which bounds untrusted input.
+#: Maximum number of edges and of declarations of parts; it protects against untrusted files.
 LARGEST_SCENE = 250_000
 
 _PARAMETER, _EDGE = ("name", "value", "unit", "meaning"), ("name", "type", "nodes", "fields")
@@ -76,8 +76,8 @@ class SceneDescription(Reported):
     """Edges between named nodes, with parameters, inputs, outputs, gravity and initial values.
 
     Each method checks its arguments before it stores them, so that a description contains only
-    valid names and parsed expressions. Properties of the whole scene are checked when equations are
-    formed.
+    valid names and parsed expressions. Properties of the whole scene are checked when the equations
+    are formed.
     """
 
     name: str
@@ -90,13 +90,13 @@ class SceneDescription(Reported):
     modes: dict[str, Mode] = field(default_factory=dict)
     events: dict[str, Event] = field(default_factory=dict)
     parts: dict[str, Part] = field(default_factory=dict)
-    ports: tuple[str, ...] = ()  # nodes to which an outer scene may connect if this scene is a part
+    ports: tuple[str, ...] = ()  # nodes that an outer scene may connect if this scene is a part
     defaults: Simulation = field(default_factory=Simulation)
     origin: Origin | None = None  # data from another tool's file
     allowed: tuple[str, ...] = ()  # rules of the linter whose findings are accepted
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
-        # This is no dataclass, since a dataclass would accept unchecked tables.
+        # The constructor is written by hand, because a generated one would accept unchecked tables.
         self.name = check_scene_name(name)
         self.gravity = check_vector(plain(gravity), "gravity")
         self.parameters, self.edges = Listing(*_PARAMETER), Listing(*_EDGE)
@@ -106,7 +106,7 @@ class SceneDescription(Reported):
         self.parts, self.ports = {}, ()
         self.members: dict[str, Part] = {}  # all parts by name, including each part of an array
         self.connected: set[str] = set()  # nodes that parts connect
-        # File and section from which the scene was read, which are not part of its content.
+        # File and section from which the scene was read; equality of scenes ignores them.
         self.file = self.section = ""
 
     def __repr__(self) -> str:
@@ -124,7 +124,7 @@ class SceneDescription(Reported):
     @property
     def mechanics(self) -> SceneDescription:
         """The multibody part: the scene without its scalar networks."""
-        # Other tables are shared, so that names in expressions keep their meaning.
+        # All tables except edges are shared, so that names in expressions keep their meaning.
         part = SceneDescription(self.name)
         part.gravity, part.defaults, part.tables = self.gravity, self.defaults, self.tables
         part.parameters, part.inputs, part.outputs = self.parameters, self.inputs, self.outputs
@@ -205,13 +205,13 @@ class SceneDescription(Reported):
         name : str
             Its name in expressions.
         value : float or str
-            Its value: a finite number, or an expression of other parameters from which it is
-            derived.
+            Its value: a finite number or, for a derived parameter, an expression of other
+            parameters.
         unit, doc : str
             The unit of the value, which is converted to SI (``1000, unit="mm"`` is 1 m), and its
-            meaning. Values that a run changes are in SI.
+            meaning. Runs give values in SI.
         tunable : bool
-            If False, the value becomes a fixed number in the generated code.
+            If False, the value is a fixed number in the generated code.
 
         Raises
         ------
@@ -228,10 +228,10 @@ class SceneDescription(Reported):
     def set(
         self, name: str, value: float | str | Sequence[Sequence[float]], *, unit: str = ""
     ) -> None:
-        """Change the value of a parameter or input, and keep its description and order.
+        """Change the value of a parameter or input; its description and order are kept.
 
-        Compiled models keep the previous value. To change the value for a single run, use
-        ``simulate(parameters={"L": 2.0})``.
+        Models that are already compiled keep the previous value. To change the value for a single
+        run, use ``simulate(parameters={"L": 2.0})``.
 
         Parameters
         ----------
@@ -285,11 +285,11 @@ class SceneDescription(Reported):
         name : str
             Its name in expressions.
         value : float, str or (times, values)
-            A number, an expression of ``t`` and parameters, or a table; its values are interpolated
-            linearly, and are constant before the first and after the last time.
+            A number, an expression of ``t`` and parameters, or a table, which is interpolated
+            linearly, and is constant before the first and after the last time.
         unit, doc : str
             The unit of the value, which is converted to SI, and its meaning. Expressions, and
-            values that a run gives, are in SI.
+            values given by a run, are in SI.
 
         Raises
         ------
@@ -422,12 +422,12 @@ class SceneDescription(Reported):
         Parameters
         ----------
         name, when : str
-            Its name in results, and its condition: an expression of outputs and of all that outputs
-            may use.
+            Its name in results, and its event function: an expression of outputs and of all names
+            that outputs may use.
         direction : int
             -1 for downward crossings, 1 for upward ones, 0 for both.
         set : mapping of str to float or str, optional
-            New values of states and modes: expressions of their previous values.
+            New values of states and modes, as expressions of their previous values.
         stop : bool
             Whether the event ends the run.
         impact : mapping, optional
@@ -449,8 +449,8 @@ class SceneDescription(Reported):
 
         ``t_end`` is the end time, [s]. ``start`` is "initial values" or "operating point", the
         steady state of an electrical network: no current flows through capacitors, and inductors
-        have no voltage. ``held`` contains nodes and the voltages at which they are held while this
-        point is computed. Method, tolerances, budgets and all other settings are those of
+        have no voltage. ``held`` maps nodes to the voltages that are prescribed while this point is
+        computed. Method, tolerances, budgets and all other settings are described in
         :class:`cotree.Settings`.
 
         Raises
@@ -503,7 +503,7 @@ class Visual:
     #: Box: lengths along x, y and z; cylinder and capsule: radius, radius, length; sphere: three
     #: times the radius, [m]; mesh: scale factors.
     size: tuple[float, float, float]
-    file: str = ""  # name of the mesh file as written, which only animations open
+    file: str = ""  # name of the mesh file as written; only animations open the file
     #: Position in the node's axes, [m], and roll, pitch and yaw, [rad].
     xyz: tuple[float, float, float] = _ZERO
     rpy: tuple[float, float, float] = _ZERO
@@ -511,16 +511,16 @@ class Visual:
 
 @dataclass(frozen=True)
 class Origin:
-    """Data in another tool's file in addition to the edges of a scene.
+    """Data from another tool's file that the edges of a scene do not contain.
 
     Attributes
     ----------
     file : str
         The path of the file.
     notes : tuple of str
-        Items that were not read, or that were renamed; one sentence each.
+        One sentence for each item that was not read or was renamed.
     names : mapping of (str, str) to str
-        Names in the scene, by kind and name in the file, if they differ.
+        Names in the scene that differ from those in the file, by kind and name in the file.
     visuals : tuple of Visual
         Shapes of the bodies.
     """
@@ -546,7 +546,7 @@ def origin_table(origin: Origin) -> dict[str, Any]:
 
 
 def read_origin(table: object, nodes: Collection[str]) -> Origin:
-    """Return the origin that a checked table of a scene file describes."""
+    """Return the origin that a table of a scene file describes, after checks."""
     # The table may be written by hand or come from an untrusted source.
     rows = _entries(table, Origin, "the origin")
     notes, names, visuals = rows.get("notes", []), rows.get("names", {}), rows.get("visuals", [])
@@ -600,7 +600,7 @@ def _three(value: object, where: str) -> tuple[float, float, float]:
 
 
 def _is_number(value: object) -> bool:
-    # In Python booleans are numbers, but not valid coordinates.
+    # Booleans are numbers in Python, but not valid coordinates.
     is_real = isinstance(value, (int, float)) and not isinstance(value, bool)
     return is_real and abs(value) <= _LARGEST  # type: ignore[arg-type]
 

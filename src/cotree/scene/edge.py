@@ -28,14 +28,14 @@ class Edge:
     component : Component
         Its component type.
     nodes : tuple of str
-        Its nodes: two, unless it is a scalar component with several ports or acts on a joint.
+        Its nodes: two, unless it has several scalar ports or acts on a joint.
     fields, initial : mapping
         Its fields and its initial values, by name.
     ports : tuple of PortEnds
-        For a scalar component: the end nodes of each port's edge.
+        The end nodes of each port's edge, for scalar components.
     statement : mapping
-        The original statement, as in a scene file: component type, listed nodes, stated fields. All
-        other attributes follow from it.
+        The original statement, as in a scene file: component type, listed nodes, stated fields. It
+        determines all other attributes.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Edge:
         return f"<Edge {name}: {kind} {nodes}{', ' + fields if fields else ''}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Laws of components are functions, which cannot be pickled, but the statement can.
+        # Laws of components contain functions, which cannot be pickled, but the statement can.
         return _edge_again, (self.name, dict(self.statement))
 
     def in_mechanics(self) -> Edge | None:
@@ -100,12 +100,12 @@ def make_edge(
         hint = proposed_types(type)
         raise SceneError(f"edge '{name}' has the unknown type '{brief(type)}'{hint}")
     listed: Sequence[object] = nodes
-    # Copy lists, so that later changes to them do not affect the scene.
+    # Lists are copied, so that later changes to them do not affect the scene.
     given: Mapping[str, Any] = plain(fields)
     first: Any = {} if initial is None else plain(initial)
     statement = edge_statement(type, nodes, given, first)
-    # Adapt the component first, since this determines its ports. Then append the thermal port, so
-    # that it is the last one in ``check_ports``. All remaining entries are fields.
+    # The component is adapted first, because this determines its ports. The thermal port is then
+    # appended, so that it is the last one in ``check_ports``. All remaining entries are fields.
     if component.adapt is not None:
         component, listed, given = component.adapt(name, nodes, given)
     component = check_heat(name, component, given)

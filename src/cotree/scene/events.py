@@ -24,12 +24,12 @@ class Mode:
     name : str
         Its name in expressions and results.
     initial : Expression
-        Its initial value, a function of parameters. For a mode that represents a jump inside an
-        expression, this is the initial value of the jumping function, an expression of the states.
+        Its initial value, a function of parameters. If the mode represents a jump inside an
+        expression, this is the jumping function, which depends on states.
     doc : str
-        Its meaning, as text.
+        Its meaning as text.
     is_jump : bool
-        Whether it represents such a jump.
+        Whether the mode represents a jump inside an expression.
     """
 
     name: str
@@ -41,19 +41,19 @@ class Mode:
 class ModePart(IntEnum):
     """Roles of events whose modes are selected together, numbered as in ``cotree_jumps.h``."""
 
-    NONE = 0  # selects no mode
+    NONE = 0  # no mode is selected
     SLIP = 2  # slip rate times the mode
-    FORWARD_LIMIT = 3  # forward limit: distance of the friction force from it
-    BACKWARD_LIMIT = 4  # backward limit: distance of the friction force from it
-    ENGAGED = 5  # engaged: positive while a clutch is engaged
+    FORWARD_LIMIT = 3  # distance of the friction force from its forward limit
+    BACKWARD_LIMIT = 4  # distance of the friction force from its backward limit
+    ENGAGED = 5  # positive while a clutch is engaged
     TURN = 6  # angle by which the sliding direction on a plane may still turn
-    FIRST_IMPULSE = 7  # first impulse: components of the friction impulse on a plane start here
+    FIRST_IMPULSE = 7  # first component of the friction impulse on a plane
     SECOND_IMPULSE = 8
     LOAD = 9  # load times the sign that is assumed in the laws of its losses
-    UPPER_GAP = 10  # upper gap: distance from a rigid stop's upper limit
-    LOWER_GAP = 11  # lower gap: distance from a rigid stop's lower limit
-    FORCE = 12  # force: contact force of a closed stop, positive away from the limit
-    REBOUND = 13  # rebound: rebound speed minus the rest threshold
+    UPPER_GAP = 10  # distance from a rigid stop's upper limit
+    LOWER_GAP = 11  # distance from a rigid stop's lower limit
+    FORCE = 12  # contact force of a closed stop, positive away from the limit
+    REBOUND = 13  # rebound speed minus the rest threshold
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Event:
     name : str
         Its name.
     when : Expression
-        Expression whose zero crossing is the event.
+        Event function: an expression whose zero crossing is the event.
     direction : int
         -1 for downwards, 1 for upwards, 0 for both.
     set : mapping of str to Expression
@@ -73,7 +73,8 @@ class Event:
     is_terminal : bool
         Whether the run ends at the event.
     restitution : Expression or None
-        For an impact: minus the rate of ``when`` after it, divided by the rate before it.
+        Coefficient of an impact: minus the rate of ``when`` after it, divided by the rate before
+        it.
     is_jump : bool
         Whether it represents a jump inside an expression.
     part : ModePart
@@ -103,7 +104,7 @@ def make_event(
     """Create a checked event; see :meth:`SceneDescription.event`."""
     accepted = check_name("event", name)
     whose = f"event '{accepted}'"
-    # In Python True equals 1, but it is not a direction.
+    # True equals 1 in Python, but it is not a direction.
     if isinstance(direction, bool) or direction not in (-1, 0, 1):
         raise SceneError(
             f"direction of {whose} is {brief(direction)}: give -1 (downwards), 1 (upwards) or 0 "
@@ -139,7 +140,7 @@ def _restitution(impact: object, whose: str) -> Expression | None:
 
 
 def event_expressions(events: Iterable[Event]) -> tuple[Expression, ...]:
-    """List the expressions of events in a fixed order: all conditions, then all others."""
+    """Return the expressions of events in a fixed order: all conditions, then all others."""
     listed = tuple(events)
     return (
         # Conditions come first, so that the event functions form one block of the results.

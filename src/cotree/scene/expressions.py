@@ -1,11 +1,11 @@
 """Expressions as text: parsed according to a small grammar, never evaluated as Python.
 
-An expression may contain numbers, names, ``edge.coordinate``, ``edge.port.variable``, both also
-inside parts such as ``leg1.knee.theta``, ``+ - * / **``, parentheses, the functions in
+An expression may contain numbers, names, ``edge.coordinate`` and ``edge.port.variable`` (with the
+prefix of a part, as in ``leg1.knee.theta``), ``+ - * / **``, parentheses, the functions in
 :data:`FUNCTIONS`, and ``where(condition, value, otherwise)``, whose comparisons may be joined by
-``and``, ``or`` and ``not``. Keywords such as ``in`` may be names before a dot: they are marked by
-an appended letter while Python parses the text. The tables that expressions may call are a context
-of parsing; a parsed call stores its table, and keeps it if its tree is rewritten.
+``and``, ``or`` and ``not``. Python keywords such as ``in`` may be names before a dot: a letter is
+appended to them while Python parses the text. A context of parsing contains the tables that
+expressions may call; each parsed call stores its table.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def bound(tree: ast.expr, tables: Mapping[str, Callee]) -> ast.expr:
 
 
 def name_of(name: str, table: Callee) -> ast.Name:
-    """Return the function name with which a tree calls a table."""
+    """Return the tree of a function name with which an expression calls a table."""
     made = ast.Name(name)
     made.table = table  # type: ignore[attr-defined]
     return made
@@ -137,7 +137,7 @@ FUNCTIONS: dict[str, int] = {
 #: Name of the conditional function ``where(condition, then, else)``.
 WHERE = "where"
 
-#: Comparisons: whether the left side must be the larger one, and whether equality is accepted.
+#: For each comparison: whether the left side must be larger, and whether equality is accepted.
 COMPARISONS: dict[type[ast.cmpop], tuple[bool, bool]] = {
     ast.Lt: (False, False),
     ast.LtE: (False, True),
@@ -172,7 +172,7 @@ def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
     """Check a tree against the grammar and collect its names; raise if anything else occurs."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
-    # Only these node types are accepted, and none is evaluated.
+    # Only these types of nodes are accepted. None of them is evaluated as Python.
     match tree:
         case ast.Constant(value=value):
             if finite(value) is None:
@@ -247,7 +247,7 @@ def names_in(tree: ast.expr) -> frozenset[str]:
         elif isinstance(node, ast.Name):
             found.add(node.id)
         elif isinstance(node, ast.Call):
-            # The function name is no name of the scene; the values of a table may contain names.
+            # The function's name is not a name of the scene; values of a table may contain names.
             waiting += node.args
             if table := table_of(node.func):
                 found |= table.names
@@ -300,7 +300,7 @@ def map_tree(tree: ast.expr, change: Callable[[ast.expr], ast.expr | None]) -> a
 
 
 def map_names(tree: ast.expr, new: Callable[[str], str | ast.expr]) -> ast.expr:
-    """Copy a tree, with names replaced by names or trees, also in the tables that it calls."""
+    """Copy a tree, and replace names by names or trees, also in the tables that it calls."""
 
     def named(name: str) -> ast.expr:
         found = new(name)
@@ -352,12 +352,12 @@ class Expression:
     text: str  # the expression as the user wrote it
     where: str = field(repr=False)  # its owner in messages: "stiffness of edge 'k'"
     #: Syntax tree of the text.
-    tree: ast.expr = field(compare=False, repr=False)  # follows from the text
+    tree: ast.expr = field(compare=False, repr=False)  # determined by the text
     #: All names that occur: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
     names: frozenset[str] = field(repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Set order differs between processes, but equal scenes must yield equal bytes.
+        # The order of sets differs between processes, but equal scenes must yield equal bytes.
         return {**self.__dict__, "names": sorted(self.names)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -383,7 +383,7 @@ class Expression:
 
     @property
     def number(self) -> float | None:
-        """The value if the expression is a plain number."""
+        """The value if the expression is a plain number, else None."""
         tree, sign = self.tree, 1.0
         if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
             tree, sign = tree.operand, -1.0
@@ -391,7 +391,7 @@ class Expression:
 
     @property
     def is_zero(self) -> bool:
-        """Return whether the value is zero for all values of its names, as in ``0*L``."""
+        """Whether the value is zero for all values of its names, as in ``0*L``."""
         if self.number is not None:
             return self.number == 0.0
         # The cache key is the text, which does not determine the values of a table.
@@ -414,7 +414,7 @@ FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...],
 
 
 def entries(value: FieldValue | None) -> Iterator[Expression]:
-    """List the expressions in a field's value."""
+    """Yield the expressions in a field's value."""
     if isinstance(value, Expression):
         yield value
     else:
@@ -431,12 +431,12 @@ def _vanishes(expression: Expression) -> bool:
     try:
         return expression.lower(dag, lambda name: dag.symbol("p", places[name])).is_zero
     except ExpressionError:
-        return False  # an error is raised later, where the expression is used
+        return False  # the error is raised later, where the expression is used
 
 
 def parse(value: object, where: str) -> Expression:
     """Parse a number or an expression; ``where`` describes its owner in error messages."""
-    # In Python booleans are numbers, but in a scene they are errors.
+    # Booleans are numbers in Python, but errors in a scene.
     if isinstance(value, bool) or not isinstance(value, (str, numbers.Real)):
         raise ExpressionError(
             f"{where} must be a number or an expression in quotes, not {type(value).__name__}"
@@ -469,7 +469,7 @@ def _parse_text(text: str, where: str) -> Expression:
 
 @lru_cache(maxsize=1024)
 def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
-    """Parse and check a text, but only once, since thousands of edges may have the same text."""
+    """Parse and check a text, cached because thousands of edges may have the same text."""
     return _checked(read_tree(text))
 
 
@@ -481,7 +481,7 @@ def _checked(tree: ast.expr) -> tuple[ast.expr, frozenset[str]]:
 
 def check_number(value: object, what: str) -> float:
     """Return a value as a finite number; raise if that is impossible."""
-    # Complex numbers in NumPy have a __float__ method, too.
+    # Complex numbers in NumPy also have a __float__ method.
     is_number = hasattr(type(value), "__float__") and not isinstance(value, bool)
     if not is_number or getattr(value, "ndim", False) or getattr(value, "imag", False):
         raise ParameterError(f"{what} is {brief(value)!r}: give a number")
@@ -537,7 +537,7 @@ def _lower_condition(
             for a, op, b in reversed(list(zip(sides[:-1], ops, sides[1:], strict=True))):
                 is_larger, has_equal = COMPARISONS[type(op)]
                 excess = a - b if is_larger == has_equal else b - a
-                # A selection accepts equality; otherwise the two values are exchanged.
+                # A selection accepts equality; otherwise its two values are exchanged.
                 pair = (accepted, refused) if has_equal else (refused, accepted)
                 accepted = dag.select(excess, *pair)
             return accepted
@@ -555,7 +555,7 @@ def _lower_condition(
 
 
 def _lower_call(dag: Dag, function: str, args: list[Node]) -> Node:
-    # The derivative of a selection is that of the selected value.
+    # Selections have derivatives: those of the selected value.
     if function == "max":
         return dag.select(args[0] - args[1], args[0], args[1])
     if function == "min":

@@ -1,6 +1,6 @@
 """Fields and initial values of an edge, checked against the component's rows.
 
-The original statement is stored, since components are adapted to the fields of an edge.
+The original statement is stored, because components are adapted to the fields of an edge.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def check_initial(
 
 
 def initial_units(component: Component) -> dict[str, str]:
-    """Return the units of variables that may have initial values, whatever the scene's tree."""
+    """Return the units of all variables that may have initial values in some tree of the scene."""
     if component.geometry is not None:
         return {}  # the initial values of a body determine its position
     if component.role is Role.NETWORK:
@@ -93,7 +93,7 @@ def initial_units(component: Component) -> dict[str, str]:
 
 
 def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """List the initial values; those in the table of a port have names ``port.name``."""
+    """Yield the initial values; those in the table of a port have names ``port.name``."""
     ports = {port.port for port in component.ports}
     for name, value in given.items():
         if name in ports and isinstance(value, Mapping):
@@ -107,7 +107,7 @@ def _network_units(component: Component) -> dict[str, str]:
     found: list[tuple[str, str, str]] = []
     for port in component.ports:
         row, integral = DOMAINS[port.domain], integral_of(port)
-        # The tree determines which of them become states, so that a scene may give any of them.
+        # The tree determines which variables become states, so a scene may set any of them.
         names = [(row.across_symbol, row.across_unit), (row.through_symbol, row.through_unit)]
         names += [(integral.name, integral.unit)] if integral else []
         names += [content] if (content := content_of(port)) else []
@@ -168,21 +168,21 @@ def _inertia(value: object, where: str) -> FieldValue:
     rows = _rows(value, where)
     if rows is None:
         return check_vector(value, where)
-    # Symmetry is checked by text, since expressions have no values yet.
+    # Symmetry is checked by text, because expressions have no values yet.
     if any(rows[i][j].text != rows[j][i].text for i in range(3) for j in range(i)):
         raise SceneError(f"{where} must be symmetric: write both halves alike")
     return rows
 
 
 def _rotation(value: object, where: str) -> FieldValue:
-    """Check a rotation of three angles or three matrix rows, which must form a rotation matrix."""
+    """Check a rotation: three angles, or three rows that form a rotation matrix."""
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
     rows = _rows(value, where)
     if rows is None:
         return check_vector(value, where)
     numbers = [[entry.number for entry in row] for row in rows]
-    # Entries must be numbers: parameters could make the matrix non-orthogonal.
+    # Entries must be numbers, because parameters could make the matrix non-orthogonal.
     if any(entry is None for row in numbers for entry in row):
         raise SceneError(
             f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which may depend "
@@ -242,9 +242,9 @@ class Input:
     name : str
         Its name in expressions.
     value : Expression or Table
-        Its value unless a run replaces it.
+        Its value in runs that do not replace it.
     unit, doc : str
-        Its unit and its meaning, as text.
+        Its unit and its meaning as text.
     """
 
     name: str

@@ -1,9 +1,9 @@
 """The linear graphs of a scene, one per domain, and their trees.
 
-A body in the tree has absolute coordinates: along a line or in a plane if nothing acts out of it, a
-particle's if it has no inertia and nothing acts on its rotation, otherwise those of a free body. If
-the trees differ, a joint that is a branch of one graph and a chord of the other has the coordinates
-of the first and the constraints of the second.
+A body in the tree has absolute coordinates: along a line or in a plane if nothing moves or acts out
+of it, those of a particle if it has no rotational inertia and nothing acts on its rotation,
+otherwise those of a free body. If the trees differ, a joint may be a branch of one graph and a
+chord of the other: it has coordinates in the first graph and constraints in the second.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PLANAR_NAMES = frozenset(
     for name, _ in (*step.coordinates, *step.rates)
 )
 
-# Components that can restrict all motion to a line; rotating bodies leave it.
+# Components that can restrict all motion to a line; bodies that rotate do not stay on a line.
 _LINE_TYPES = frozenset(
     {"rigid_body", "arm", "weld", "prismatic", "spring", "damper", "force", "gear", "constraint"}
 )
@@ -48,7 +48,7 @@ class MotionSpaces:
 
 def motion_spaces(scene: SceneDescription) -> MotionSpaces:
     """Determine the motion space of every edge in a scene."""
-    # A line is tested before a plane, since it gives a body one coordinate instead of three.
+    # A line is tested before a plane, because a body then has one coordinate instead of three.
     line = next((axis for axis in "xyz" if _keeps_line(scene, axis)), "")
     plane = next((normal for normal in PLANE_AXES if _keeps_plane(scene, normal)), "")
     found = {}
@@ -87,7 +87,7 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
     # Without a sliding joint, the initial values would decide whether the motion is along a line.
     if not guides or not kinds <= _LINE_TYPES or not _is_normal(scene.gravity, n):
         return False
-    # Initial values of other coordinates mean that the body also moves in other directions.
+    # A body with initial values of other coordinates also moves in other directions.
     names = {axis, f"{axis}_dot"}
     for edge in edges:
         if edge.component.role is Role.BODY and not edge.initial.keys() <= names:
@@ -97,7 +97,7 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
             if isinstance(value, tuple) and not _is_normal(_vector(edge, name), n):
                 return False
         is_line = edge.component.role is Role.LINE
-        # A force between two nodes that are beside each other is not along the axis.
+        # Without a stated axis, a force between two nodes may have any direction.
         if "rotation" in edge.fields or (is_line and "axis" not in edge.fields):
             return False
     return True
@@ -156,7 +156,7 @@ def _vector(edge: Edge, name: str) -> Sequence[Expression]:
 
 
 def _is_within(components: Sequence[Expression], n: int) -> bool:
-    # Zero for all parameter values, since the motion space must not depend on parameters.
+    # The component must be zero for all parameters, because motion spaces do not depend on them.
     return components[n].is_zero
 
 
@@ -181,7 +181,7 @@ class Trees:
 
     @cached_property
     def is_one(self) -> bool:
-        """Return whether both trees have the same branches."""
+        """Whether both trees have the same branches."""
         first, second = self._branches
         return first == second
 
@@ -192,8 +192,8 @@ class Trees:
         return tuple(name for name in self.translation.graph.edge_names if name in either)
 
     def is_branch(self, name: str, rotates: bool) -> bool:
-        """Return whether an edge is a branch of the rotation tree, or of the translation tree."""
-        # The pair is (translation, rotation), so that the boolean is its index.
+        """Return whether an edge is a branch of the rotation tree or of the translation tree."""
+        # The pair is (translation, rotation), so the boolean is its index.
         return name in self._branches[rotates]
 
     def listed(self) -> str:
@@ -228,7 +228,7 @@ def _is_coupled(edge: Edge) -> bool:
     return any(isinstance(s, Freedom) and s.pitch for s in edge.component.motion_space)
 
 
-# Most bodies, in open and closed chains, for which absolute coordinates are also compared.
+# Maximum number of bodies, in open and closed chains, for which absolute coordinates are compared.
 _FEW_OPEN, _FEW_CLOSED = 3, 8
 
 #: The user's choice of the tree: None, branches for all graphs, or branches for each graph.
@@ -272,7 +272,7 @@ def choose_trees(
         if names is None:
             # Across variables of branches become coordinates; those of chords follow from
             # f-circuits (paper, Eq. (2)). The weight of an edge is the number of equations that it
-            # adds as a branch, so that the lightest spanning tree adds the fewest.
+            # adds as a branch, so the lightest spanning tree adds the fewest.
             trees[domain] = select_tree(graph, _weights(scene, graph))
         else:
             _check_branches(scene, names)
@@ -283,7 +283,7 @@ def choose_trees(
 def _weights(
     scene: SceneDescription, graph: LinearGraph, prefers_bodies: bool = False
 ) -> dict[str, float]:
-    """Return for each possible branch the number of equations that it would add."""
+    """Return, for each possible branch, the number of equations that it would add."""
     spaces = motion_spaces(scene).of
     weights = {}
     for name in graph.edge_names:
@@ -295,14 +295,14 @@ def _weights(
             if component.role is Role.BODY and prefers_bodies:
                 weights[name] = 0.5
             elif component.role is Role.BODY:
-                weights[name] += 0.5  # prefer a joint with as many degrees of freedom
+                weights[name] += 0.5  # prefer a joint with the same number of degrees of freedom
     return weights
 
 
 def candidate_trees(scene: SceneDescription) -> list[Trees]:
-    """List the trees to compare: trees of joints with different cuts, and trees of bodies.
+    """Return the trees to compare: trees of joints that cut loops differently, and trees of bodies.
 
-    Absolute coordinates are omitted for long open chains, in which joints need far fewer equations.
+    Trees of bodies are omitted for long open chains, in which joints need far fewer equations.
     """
     joints = joint_branches(scene)
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
@@ -325,9 +325,9 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
 
 
 def separate_trees(scene: SceneDescription) -> list[Trees]:
-    """List pairs of a translation tree of joints and a rotation tree of absolute angles in a plane.
+    """Return pairs of a translation tree of joints and a rotation tree of angles of planar bodies.
 
-    There are none if joints that constrain a rotation close a loop, or with too many bodies.
+    No pairs exist if joints that constrain a rotation close a loop, or with too many bodies.
     """
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
     if n_bodies > _FEW_CLOSED or not motion_spaces(scene).plane:
@@ -361,13 +361,13 @@ def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tr
             # Of all bodies that rotate together, choose the first one in the translation tree.
             weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
         elif component.tree_weight is not None:
-            # Edges that fix the angle are the lightest; bodies replace revolute joints.
+            # Edges that fix the angle are the lightest; bodies are preferred to revolute joints.
             weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
     return select_tree(graph, weights)
 
 
 def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
-    """Return the joint tree of short paths to the ground, which cuts loops far from it."""
+    """Return the joint tree with short paths to the ground, which cuts loops far from it."""
     trees = {}
     for domain, graph in graphs.items():
         weights = _weights(scene, graph)
@@ -378,7 +378,7 @@ def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) ->
             for name in weights
             if scene.edges[name].component.role is not Role.BODY
         ]
-        # Edges with exactly one end that has been reached lead to the next depth.
+        # Edges with one end among the nodes reached so far lead to the next depth.
         while reached := [e for e in rest if (e.tail in depth) != (e.head in depth)]:
             level = max(depth.values()) + 1
             depth |= {
@@ -404,7 +404,7 @@ def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
 
 
 def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Trees:
-    """Return the trees that define the coordinates."""
+    """Return the trees that define the coordinates, after a check of coupled motions."""
     pair = Trees(trees["translation"], trees["rotation"])
     check_coupled(scene, pair)
     return pair

@@ -1,10 +1,10 @@
 """Replacement of state-dependent jumps inside expressions by modes and events.
 
-Each ``sign``, ``floor``, ``mod`` or comparison of variables gets a mode and the events that change
+Each ``sign``, ``floor``, ``mod`` or comparison of variables becomes a mode with events that change
 it. One mechanism thus locates all jumps, restarts the integration there and applies the jumps of
-the sensitivities. Two kinds are kept: conditions that are piecewise linear in time, whose times are
-known before a run (:mod:`cotree.dag.switching_times`), and kinks such as ``v*sign(v)`` whose sides
-are proved to agree, which :mod:`cotree.program.surfaces` locates without modes.
+the sensitivities. Two kinds are not replaced: conditions that are piecewise linear in time, whose
+times are known before a run (:mod:`cotree.dag.switching_times`), and kinks such as ``v*sign(v)``
+that are proved to be continuous, which :mod:`cotree.program.surfaces` locates without modes.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     _Row = tuple[int, ast.expr, ast.expr]
 
-# Largest length of a text that is used as a name; longer ones would be illegible.
+# Maximum length of a text that is used as a name; longer names would be illegible.
 _LONGEST_NAME = 60
 
 #: Functions that jump; ``mod`` jumps because it contains a floor.
@@ -56,8 +56,8 @@ _JUMPING = ("sign", "floor", "mod", "where")
 def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
     """Replace state-dependent jumps by modes and events; return scenes without jumps unchanged.
 
-    Raises an error if the content of a storage jumps or, with sensitivities, the law of a force
-    element, whose jump is not an event.
+    Raise an error if the content of a storage jumps. With sensitivities, also raise an error if the
+    law of a force element jumps, because that jump is not an event.
     """
     for edge in scene.edges.values():
         check_contents(scene, edge)
@@ -73,7 +73,7 @@ def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -
 def jump_values(scene: SceneDescription) -> dict[str, Expression]:
     """Return the initial values of modes for jumps, as expressions without such modes."""
     found: dict[str, Expression] = {}
-    # Each mode comes after the modes on which it depends.
+    # Each mode follows the modes on which it depends.
     for name, mode in lower_discontinuities(scene, has_sensitivities=False).modes.items():
         if mode.is_jump:
             found[name] = mode.initial.map_names(
@@ -84,12 +84,12 @@ def jump_values(scene: SceneDescription) -> dict[str, Expression]:
 
 def _may_jump(expression: Expression) -> bool:
     """Return whether an expression may jump, judging by its text."""
-    # Comparisons occur only within ``where``, so that these function names reveal all jumps.
+    # Comparisons occur only within ``where``, so these function names reveal all jumps.
     return any(f"{name}(" in expression.text.replace(" ", "") for name in _JUMPING)
 
 
 def _acting(scene: SceneDescription) -> list[Expression]:
-    """List the expressions that affect the motion, or may affect it."""
+    """Return the expressions that affect the motion, or may affect it."""
     found = [*scene.outputs.values(), *(event.when for event in scene.events.values())]
     for edge in scene.edges.values():
         found += _of_edge(edge)
@@ -105,7 +105,7 @@ class _Rewriting:
         self._old = scene
         self._modes: dict[str, Mode] = {}
         self._events: dict[str, Event] = {}
-        #: For each text, the name of its mode, which equal texts share.
+        #: Names of modes by the text that they replace; equal texts share a mode.
         self._known: dict[str, str] = {}
         self.scene = copy.copy(scene)
         self.scene.edges = {name: self._edge(edge) for name, edge in scene.edges.items()}
@@ -113,14 +113,14 @@ class _Rewriting:
             name: replace(event, when=self._expression(event.when, is_watched=True))
             for name, event in scene.events.items()
         }
-        # Outputs that do not affect the motion may jump: no state depends on them.
+        # Outputs that do not affect the motion may jump, because no state depends on them.
         used = self._used()
         self.scene.outputs = {
             name: self._expression(item) if name in used else item
             for name, item in scene.outputs.items()
         }
         self.scene.modes = {**scene.modes, **self._modes}
-        # Events that change a mode come before events that may depend on it.
+        # Events that change a mode precede events that may depend on it.
         self.scene.events = {**self._events, **events}
 
     def _used(self) -> set[str]:
@@ -138,7 +138,7 @@ class _Rewriting:
         return found
 
     def _edge(self, edge: Edge) -> Edge:
-        # Constant fields depend only on parameters, and so do not jump during a run.
+        # Constant fields depend only on parameters, so they do not jump during a run.
         constant = {field.name for field in edge.component.fields if field.constant}
         stored = {
             name for port in edge.component.ports if (law := port.content) for name in law.arguments
@@ -165,9 +165,10 @@ class _Rewriting:
     def _expression(
         self, expression: Expression, *, is_watched: bool = False, is_stored: bool = False
     ) -> Expression:
-        """Replace the jumps in an expression; kinks in a storage's content jump in its capacity.
+        """Replace the jumps in an expression and, for a storage's content, also the kinks.
 
-        A watched condition that jumps only at known times is kept, since it is evaluated at them.
+        A watched condition, that of an event, is kept if it jumps only at known times, at which it
+        is evaluated.
         """
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
@@ -186,11 +187,11 @@ class _Rewriting:
         return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
 
     def is_located(self, tree: ast.expr) -> bool:
-        """Return whether a value has zeros, and so jumps, at times unknown before a run."""
+        """Return whether a value has zeros, at which an expression may jump, at unknown times."""
         names = names_in(tree)
         if self._moves(names):
             return True
-        # Values that depend on parameters only are constant during a run.
+        # Values that depend only on parameters are constant during a run.
         if "t" not in names:
             return False
         symbols = self._symbols
@@ -210,9 +211,9 @@ class _Rewriting:
         """Return the tree of the mode that replaces a call with the original text ``text``.
 
         Each row is an event: its direction, its function, and the mode's new value. In these trees,
-        the mode itself is the name "".
+        the name "" denotes the mode itself.
         """
-        # Equal texts jump at the same times, so that they share a mode and its events.
+        # Equal texts jump at the same times, so they share a mode and its events.
         if text not in self._known:
             name = self._new_name(text)
             self._known[text] = name
@@ -280,7 +281,7 @@ class _Tree:
 
     def _floor(self, value: ast.expr) -> ast.expr:
         """Replace a floor by a mode that changes when the value reaches another integer."""
-        # At an event the value is an integer up to rounding; the count changes by at least one.
+        # At an event the value is an integer up to rounding, so the mode changes by at least one.
         new = "{}(b {} 1.0, floor(a))"
         up = (1, fill("a - b - 1.0", value, _ITSELF), fill(new.format("max", "+"), value, _ITSELF))
         down = (-1, fill("a - b", value, _ITSELF), fill(new.format("min", "-"), value, _ITSELF))
@@ -306,8 +307,8 @@ class _Tree:
         if not self._scene.is_located(excess):
             return node
         rows = ((1, excess, ast.Constant(1.0)), (-1, excess, ast.Constant(0.0)))
-        # The initial value is a conditional; the mode's name is the comparison.
+        # The initial value is a conditional; the comparison is the name of the mode.
         conditional = fill("where(a, 1.0, 0.0)", node)
         mode = self._scene.mode(ast.unparse(node), conditional, self._where, rows)
-        # The mode is exactly one or zero; a half is equally far from both.
+        # The mode is exactly one or zero, so one half is between both.
         return fill("a > 0.5", mode)

@@ -46,11 +46,12 @@ class PartMethods:
             Names of a part's indices in bindings; by default ``i``, ``j`` and ``k``. Node names
             contain indices in braces: ``left="n{i - 1}"``.
         nodes : mapping of str to str, optional
-            Nodes of this scene that replace nodes of the part, by the latter. All scenes share the
+            For each node of the part to connect, the node of this scene. All scenes share the
             ground.
         parameters, inputs : mapping of str to float, str, or table of value and unit, optional
-            Values of the part's parameters and inputs: numbers, or expressions of this scene. All
-            others keep their values. Inputs may also be tables (times, values).
+            Values of the part's parameters and inputs: numbers, or expressions with names of this
+            scene; inputs may also be tables (times, values). Parameters and inputs that are not
+            listed keep their values.
         set : mapping of str to float or str, optional
             Values for individual parts of an array by their full names, ``{"cell3.R": 0.05}``.
         **bindings
@@ -94,7 +95,7 @@ class PartMethods:
 def template_of(scene: SceneDescription) -> SceneDescription:
     """Return an independent copy of a scene that serves as a template of parts."""
     made = SceneDescription(scene.name)
-    # It is a plain description, so that equality does not depend on the class of the user's scene.
+    # The copy is a plain description: equality must not depend on the class of the user's scene.
     made.__dict__.update(scene.copied().__dict__)
     return made
 
@@ -128,7 +129,7 @@ class TableMethods:
             arguments, values of the second argument, ascending.
         values : sequence, optional
             For two arguments, the values: one row per ``x`` with one number per ``y``. For one
-            argument, the values, in place of ``y``.
+            argument, the values, instead of ``y``.
         file : path, optional
             A CSV file with these data: columns of arguments and values; for two arguments, values
             of the second one in the first line, and of the first one in the first column.
@@ -136,11 +137,10 @@ class TableMethods:
             ``linear`` (bilinear for two arguments), or ``monotone`` for one argument: cubic, with a
             continuous slope and without overshoot (Fritsch and Butland).
         beyond : str
-            Extrapolation beyond the first and last points: ``hold`` keeps the value there;
-            ``extend`` continues with the slope there, or with the outermost bilinear piece for two
-            arguments.
+            Extrapolation beyond the first and last points: ``hold`` keeps the value at that point;
+            ``extend`` keeps the slope or, for two arguments, the outermost bilinear piece.
         doc : str
-            Its meaning, as text.
+            Its meaning as text.
 
         Raises
         ------

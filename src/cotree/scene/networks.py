@@ -1,8 +1,8 @@
 """Scalar graphs of a scene, with one edge for each port of its components.
 
-If the rest of the network determines the variable of a controlled source, such as the current in
-series with an inductor, its law determines the controlling variable. The two edges are then swapped
-in the trees, like the input and the output of an ideal amplifier.
+The network may determine the variable of a controlled source, such as the current in series with an
+inductor. The law of the source then determines the controlling variable, and the two edges are
+swapped in the trees, like the input and the output of an ideal amplifier.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 class Port:
     """An edge of a scalar graph, which represents one port of a component."""
 
-    #: Name of the edge: that of its component, followed by the port's name if there are several.
+    #: Name of the edge: the name of its component and, if there are several ports, of the port.
     name: str
     edge: Edge  # the component, an edge of the scene
     terminal: Terminal  # terminal equation of the port
@@ -43,7 +43,7 @@ class Port:
 
     @property
     def head(self) -> str:
-        """The node at which it ends; the across variable is its potential minus the tail's."""
+        """The end node of the edge; the across variable is its potential minus the tail's."""
         return self.ends.head
 
     @property
@@ -116,8 +116,8 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
 #: The variable that a source prescribes, by kind of source.
 GIVES = {Kind.ACROSS_SOURCE: "across", Kind.THROUGH_SOURCE: "through"}
 
-#: Kinds of controlling edges whose through variable the law of the source may determine. The
-#: through variable of a through storage is a state; that of a through source is prescribed.
+#: Kinds of controlling edges whose through variable the law of the source may determine. It is a
+#: state of through storages, and through sources prescribe it, so these are excluded.
 _MEASURED_THROUGH = (Kind.ACROSS_SOURCE, Kind.ACROSS_STORAGE, Kind.DISSIPATOR)
 
 
@@ -126,20 +126,20 @@ class Swap:
     """A controlled source whose law may determine the controlling variable."""
 
     source: Port
-    #: Edge of the controlling variable. If this is a difference of node potentials, or belongs to
-    #: an edge with its own law, an open edge that is in no other graph.
+    #: Edge of the controlling variable. An open edge, which is in no other graph, replaces it if
+    #: the variable is a difference of node potentials or belongs to an edge with its own law.
     control: Port
     #: ``across``, ``through``, or "" for an ideal coupling, whose ports have laws for both.
     quantity: str
 
     @property
     def name(self) -> str:
-        """The name of the swap among the edges."""
+        """The name of the swap, which is used like the name of an edge."""
         return f"{self.source.name}|{self.control.name}"
 
 
 def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
-    """List the possible swaps: each source with each variable in its law, and coupled ports."""
+    """Return the possible swaps: each source with each variable in its law, and coupled ports."""
     controlled = {
         name: variables
         for name, port in ports.items()
@@ -154,7 +154,7 @@ def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
                 if other is None or other.kind is not Kind.THROUGH_SOURCE or not _is_meter(other):
                     other = _open(ports[name], tail, head, measured)
                 found.append(Swap(ports[name], other, quantity))
-            # A controlled source cannot determine the variable of another one as well.
+            # One controlled source cannot determine the variable of another controlled source.
             elif other is not None and other.kind in _MEASURED_THROUGH:
                 found += [] if measured in controlled else [Swap(ports[name], other, quantity)]
     active = {swap.source.terminal.domain for swap in found}
@@ -171,14 +171,14 @@ def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
 
 
 def _is_single(port: Port, ports: Mapping[str, Port]) -> bool:
-    """Return whether a port is a source, and apart from meters the only port of its component."""
+    """Return whether a port is a source and, except for meters, the only port of its component."""
     others = [ports[port.sibling(row.port)] for row in port.edge.component.ports]
     is_source = port.kind in GIVES and not _is_meter(port)
     return is_source and all(_is_meter(p) for p in others if p is not port)
 
 
 def _variables(port: Port, ports: Mapping[str, Port]) -> Iterator[tuple[str, str, str, str]]:
-    """List the variables in a source's law: quantity, tail, head, and name of edge or node."""
+    """Yield the variables in a source's law: quantity, tail, head, and name of edge or node."""
     law = getattr(port.terminal, GIVES[port.kind])
     fields = port.edge.law_fields
     for argument in law.arguments if law is not None else ():
@@ -206,7 +206,7 @@ def _in_field(
             yield from _of_port(quantity, own[0], domain)
         elif not own and symbol == row.across_symbol and first in nodes:
             potentials.append(name)
-    # If the law depends only on the difference of two potentials, this is the controlling variable.
+    # If the law depends only on the difference of two potentials, this difference is the variable.
     for name in potentials:
         first = name.rpartition(".")[0]
         others = [o for o in potentials if o != name and _is_of_difference(field, name, o)]
@@ -226,7 +226,7 @@ def _is_of_difference(field: Expression, first: str, second: str) -> bool:
         node = field.lower(dag, symbols.__getitem__)
         (rate,) = tangents([node], {symbols[first]: dag.one, symbols[second]: dag.one})
     except (Error, ArithmeticError):
-        return False  # an error is raised later, when the law is formed
+        return False  # the error is raised later, when the law is formed
     return rate.is_zero
 
 
@@ -236,7 +236,7 @@ def _of_port(quantity: str, port: Port, domain: str) -> Iterator[tuple[str, str,
 
 
 def _is_meter(port: Port) -> bool:
-    """Return whether a port only measures a variable, while its other variable is zero."""
+    """Return whether a port measures one variable while its other variable is zero."""
     law = getattr(port.terminal, GIVES[port.kind]) if port.kind in GIVES else None
     return law is not None and law.is_zero
 

@@ -4,24 +4,24 @@ If the tree must contain exactly one port of each transformer, it is a common fo
 and of a second graph in which the two ports are parallel edges. In graphs with ideal amplifiers,
 the second graph is that of the through variables. If a controlled source determines its controlling
 variable, the controlling edge is a branch in the tree of across variables and the source is a
-branch in the other tree, like the input and output of an amplifier. Other conditions cannot be
-expressed by a second graph: that either both ports of a gyrator are branches or neither is, and the
-condition for transformers in graphs with amplifiers. These are ignored at first; if the best choice
-violates one of them, the search branches on its options.
+branch in the tree of through variables, like the input and output of an amplifier. A second graph
+cannot express two conditions: that both ports of a gyrator are branches or both are chords, and the
+condition for transformers in graphs with amplifiers. The search ignores them at first; if the best
+choice violates one of them, it branches on the options of this coupling.
 
 The normal tree contains across sources first, then across storages, dissipators and through
-storages, but never through sources. Then the states are across variables of storages in the tree
-and through variables of storages in the cotree (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of
-Discrete Physical Systems, 1967). One port of a transformer is a branch and the other one a chord;
-the ports of a gyrator are either both branches or both chords. In a graph with ideal amplifiers,
-f-circuits use a tree that contains the inputs, and f-cutsets use a tree that contains the outputs;
-all other edges are in both trees or in neither, except controlled sources that determine their
-controlling variable (:mod:`cotree.scene.networks`).
+storages, but never through sources. The states are then the across variables of storages in the
+tree and the through variables of storages in the cotree (H. E. Koenig, Y. Tokad, H. K. Kesavan,
+Analysis of Discrete Physical Systems, 1967). One port of a transformer is a branch and the other
+port is a chord; the ports of a gyrator are either both branches or both chords. In a graph with
+ideal amplifiers, f-circuits use a tree that contains the inputs, and f-cutsets use a tree that
+contains the outputs; all other edges are in both trees or in neither, except controlled sources
+that determine their controlling variable (:mod:`cotree.scene.networks`).
 
-A network of sources, positive resistances, storages, transformers and gyrators that has a unique
-solution also has such a tree: its determinant is a sum of squares, one for each choice of the other
-branches, and a square is zero unless some of the ports complete these branches to a tree (compare
-A. Recski, Matroid Theory and its Applications, 1989).
+A network of sources, positive resistances, storages, transformers and gyrators with a unique
+solution has such a tree. Its determinant is a sum of squares, one for each choice of the branches
+that are not ports, and a square is zero unless ports complete these branches to a tree (compare A.
+Recski, Matroid Theory and its Applications, 1989).
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ EXCESS = {Kind.ACROSS_STORAGE: -1, Kind.THROUGH_STORAGE: 1, Kind.SPRING: 1}
 # Weights are multiples of a quarter and are less than sixteen.
 _UNIT, _MOST = 4, 64
 
-# Largest number of trial choices; a hundred coupled gyrators require a few thousand.
+# Maximum number of trial choices; a hundred coupled gyrators require a few thousand.
 _MOST_TRIED = 20_000
 
 
 @dataclass(frozen=True)
 class _Couple:
-    """An ideal coupling; if each port may be a branch of one tree only, two swaps replace it."""
+    """An ideal coupling; an option states for each port and each swap whether it is a branch."""
 
     ports: tuple[str, ...]
     options: tuple[tuple[bool, ...], ...]
@@ -68,7 +68,7 @@ class _Couple:
     def of(cls, ports: Sequence[Port], edges: Collection[str], swaps: Sequence[Swap]) -> _Couple:
         first, second = ports
         law = first.terminal.across
-        # The across variable of a gyrator depends on the through variable of the other port.
+        # The across variable of a gyrator's port depends on the through variable of the other port.
         is_gyrator = law is not None and any(a.startswith("through_") for a in law.arguments)
         options: tuple[tuple[bool, ...], ...]
         options = ((True, True), (False, False)) if is_gyrator else ((True, False), (False, True))
@@ -80,7 +80,7 @@ class _Couple:
                 (*none, True, False),
                 (*none, False, True),
             )
-        # Motion at ports on a multibody system is prescribed; short-circuited ports have no edge.
+        # Ports on a multibody system have a prescribed motion; short-circuited ports have no edge.
         could = [port.name in edges for port in ports]
         return cls(
             (first.name, second.name, *own),
@@ -89,7 +89,7 @@ class _Couple:
 
     @property
     def is_one_of_two(self) -> bool:
-        """Return whether it is a transformer, either port of which may be the branch."""
+        """Whether the coupling is a transformer, either port of which may be the branch."""
         return self.options == ((True, False), (False, True))
 
     def is_kept(self, branches: Collection[str]) -> bool:
@@ -110,7 +110,7 @@ class CoupledTrees:
 
     graphs: Sequence[LinearGraph]
     ports: Mapping[str, Port]  # ports by edge name
-    ends: Mapping[str, tuple[str, str]]  # the two nodes of each edge, distinct for each graph
+    ends: Mapping[str, tuple[str, str]]  # the two nodes of each edge, prefixed by the domain
     costs: Mapping[str, int]  # cost of each edge that may be a branch
     couples: tuple[_Couple, ...]  # ideal couplings of the graphs
     #: Controlled sources that may determine their controlling variable.
@@ -125,9 +125,9 @@ class CoupledTrees:
         swaps: Sequence[Swap] = (),
     ) -> CoupledTrees:
         """Collect edges of graphs whose trees are chosen together; ``weights`` are preferences."""
-        # Graphs share node names, so that a prefix distinguishes the nodes in the common forest.
+        # Graphs share node names, so a prefix distinguishes the nodes in the common forest.
         ends = {edge.name: _ends(ports[edge.name]) for graph in graphs for edge in graph.edges}
-        # Costs in descending order: loss of a state, swaps, all other preferences together.
+        # Costs in descending order: loss of a state, swaps, sum of all other preferences.
         swapped = _MOST * (len(ends) + 1)
         excess = swapped * (len(swaps) + 1)
         costs = {
@@ -145,7 +145,7 @@ class CoupledTrees:
 
     def select(self) -> frozenset[str]:
         """Select the branches that leave the fewest storages without a state."""
-        # Couplings that have only one option are settled in advance.
+        # Couplings that have only one option are decided in advance.
         given = {
             name: row
             for couple in self.couples
@@ -160,11 +160,10 @@ class CoupledTrees:
                 "contradict a source: each needs feedback from its output to its input through "
                 "resistances or storages"
             )
-        # Choices are visited by ascending cost: the first that satisfies all couplings is best.
         order = count()
-        # Entries are cost, number of violated couplings, a counter for the order of equal entries,
-        # and the choice. Ignoring couplings can only lower the cost, so that the first valid choice
-        # is optimal.
+        # Entries are cost, number of violated couplings, a counter that orders equal entries, and
+        # the choice. Choices are examined by ascending cost. Ignoring couplings can only lower the
+        # cost, so the first choice that satisfies all of them is optimal.
         waiting: list[tuple[int, int, int, _Found]] = []
         made = [best] if best is not None else []
         while made or waiting:
@@ -190,7 +189,7 @@ class CoupledTrees:
         )
 
     def _broken(self, found: _Found) -> list[_Couple]:
-        """List the couplings whose conditions a choice violates."""
+        """Return the couplings whose conditions a choice violates."""
         return [couple for couple in self.couples if not couple.is_kept(found.branches)]
 
     def _either_way(self, best: _Found, broken: Sequence[_Couple]) -> list[_Found]:
@@ -202,7 +201,7 @@ class CoupledTrees:
                 for row in couple.options
             ]
             made.append([found for found in tried if found is not None])
-            if len(made[-1]) < 2:  # at most one choice remains: nothing to compare
+            if len(made[-1]) < 2:  # at most one choice remains, so there is nothing to compare
                 return made[-1]
         # Branching on the coupling with the most expensive options restricts the search most.
         return max(made, key=lambda pair: sorted(found.cost for found in pair))
@@ -222,7 +221,7 @@ class CoupledTrees:
 
     @cached_property
     def _sources(self) -> dict[str, list[str]]:
-        """Return the edges of which one must be chosen: an across source in a swap, or a swap."""
+        """Edges of which one must be chosen, by across source: the source or one of its swaps."""
         found: dict[str, list[str]] = {}
         for name, swap in self.swaps.items():
             for port in (swap.source, swap.control):
@@ -233,7 +232,8 @@ class CoupledTrees:
     def _relaxed(self, fixed: Mapping[str, bool]) -> _Found | None:
         """Select branches with ``fixed`` choices for some couplings; return None if impossible.
 
-        Conditions of other transformers are satisfied where possible, those of gyrators ignored.
+        Conditions of all other transformers are satisfied if possible; those of gyrators are
+        ignored.
         """
         chosen = [name for name, is_branch in fixed.items() if is_branch]
         given = [n for n in self._of_kind(Kind.ACROSS_SOURCE) if n not in self._sources]
@@ -253,8 +253,8 @@ class CoupledTrees:
         swaps = self.swaps.items()
         kept = [name for name in branches if self._is_split(name)]
         try:
-            # Contracted edges are already branches: inputs of amplifiers in the tree of across
-            # variables, their outputs in that of through variables, prescribed branches in both.
+            # Contracted edges are branches: inputs of amplifiers in the tree of across variables,
+            # outputs in the tree of through variables, prescribed branches in both.
             across = Contracted(
                 {**self.ends} | {name: _ends(swap.control) for name, swap in swaps},
                 [*self._inputs, *branches],
@@ -282,13 +282,13 @@ class CoupledTrees:
         self, across: Contracted, known: Collection[str], must: Sequence[Collection[str]]
     ) -> dict[str, int]:
         """Return the costs of possible branches; one of each set in ``must`` is always chosen."""
-        # The bonus exceeds the sum of all costs, so that one of each set is always chosen.
+        # The bonus exceeds the sum of all costs, so one edge of each set is always chosen.
         bonus = 1 + sum(map(abs, self.costs.values()))
         # A swap may involve two across sources: the controlling one and the controlled one.
         counts = Counter(name for names in must for name in names)
         costs = {name: self.costs[name] - bonus * n for name, n in counts.items()}
         rest = [name for name in self.costs if name not in known and name not in costs]
-        # A port replaces the heaviest edge of a circuit, so that only the lightest forest matters.
+        # A chosen port replaces the heaviest edge of its circuit: only the lightest forest matters.
         alone = set(across.lightest((n for n in rest if not self._is_split(n)), self.costs))
         return costs | {
             name: self.costs[name] for name in rest if self._is_split(name) or name in alone
@@ -306,7 +306,7 @@ def _ends(port: Port) -> tuple[str, str]:
 #: Weight of edges that are never branches.
 _NEVER = float("inf")
 
-#: Largest preference within a kind, below preferences between kinds or for initial values.
+#: Maximum preference within a kind; preferences between kinds or for initial values are larger.
 _AMONG_LIKE = 0.2
 
 
@@ -322,7 +322,7 @@ class NormalTree:
 
     @property
     def is_split(self) -> bool:
-        """Return whether the two trees differ."""
+        """Whether the two trees differ."""
         return self.across is not self.through
 
 
@@ -335,7 +335,7 @@ def normal_trees(
         _check_short(port)
     try:
         for graph in graphs.values():
-            # With ideal amplifiers, one tree includes their inputs and the other their outputs.
+            # With ideal amplifiers, one tree contains the inputs and the other tree the outputs.
             for kind in (Kind.NULLATOR, Kind.NORATOR):
                 _check_across_sources(graph, ports, kind)
                 _check_reached(graph, ports, weights, kind)
@@ -346,7 +346,7 @@ def normal_trees(
         if swapped is None:
             raise
         return swapped
-    # Swaps are also tried if they may give another storage a state.
+    # Swaps are also tried if they may give an additional storage a state.
     if _are_tied(trees, ports):
         swapped = _swapped(graphs, ports, weights)
         if swapped is not None and _n_displaced(swapped, ports) < _n_displaced(trees, ports):
@@ -371,7 +371,7 @@ def _n_displaced(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> 
 
 
 def _displaced(tree: NormalTree, ports: Mapping[str, Port]) -> list[str]:
-    """List the storages that have no state because of their position in the tree."""
+    """Return the storages that have no state because of their position in the tree."""
     branches = set(tree.across.branches)
     return [
         name
@@ -383,7 +383,7 @@ def _displaced(tree: NormalTree, ports: Mapping[str, Port]) -> list[str]:
 
 def _are_tied(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> bool:
     """Return whether the circuit or cutset of a storage without a state contains a source."""
-    # Without such a source, no swap can add a state: all other exchanges have been tried.
+    # Without such a source, no swap can add a state, because all other exchanges have been tried.
     for tree in trees.values():
         for name in _displaced(tree, ports):
             if ports[name].kind is Kind.ACROSS_STORAGE:
@@ -433,7 +433,7 @@ def _trees(
 def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str, float]:
     """Adjust weights so that edges near the reference precede others of the same kind.
 
-    In a shallow tree, f-circuits and f-cutsets contain few nonlinear unknowns.
+    The tree is then shallow, and f-circuits and f-cutsets contain few nonlinear unknowns.
     """
     import networkx
 
@@ -444,7 +444,7 @@ def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str
     found = dict(weights)
     for edge in allowed:
         near = min(steps.get(node, graph.n_nodes) for node in (edge.tail, edge.head))
-        # This is bounded, so that nearness decides only between edges of the same kind.
+        # The term is bounded, so nearness decides only between edges of the same kind.
         found[edge.name] += _AMONG_LIKE * near / (near + 1.0)
     return found
 
@@ -459,7 +459,7 @@ def _trees_of(
         both |= {name for name in graph.edge_names if name in ports and ports[name].kind is kind}
         return Tree(graph, tuple(name for name in graph.edge_names if name in both))
 
-    # The tree of through variables has no open edges, since their through variable is zero.
+    # The tree of through variables has no open edges, because their through variable is zero.
     beside = tuple(
         GraphEdge(s.control.name, s.control.tail, s.control.head, "open")
         for s in own
@@ -478,8 +478,8 @@ def _weight(port: Port) -> float:
         return _NEVER
     if port.kind.may_hold or port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
         return _NEVER
-    # Ports of gyrators weigh as much as dissipators, so that an invalid choice is detected at once.
-    # Kinds are numbered by their preference as branches; across sources are the lightest.
+    # Kinds are numbered by their preference as branches; across sources are the lightest. Ports of
+    # gyrators weigh as much as dissipators, so that an invalid choice is detected at once.
     own = float((Kind.DISSIPATOR if port.kind is Kind.COUPLED else port.kind).value)
     row, initial = DOMAINS[port.terminal.domain], port.initial
     content = content_of(port.terminal)
@@ -520,7 +520,7 @@ def _check_short(port: Port) -> None:
 
 def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: Kind) -> None:
     """Raise if across sources form a loop with each other or with ports of ideal amplifiers."""
-    # If both ends of an edge are already connected, joining them fails: the edge closes a loop.
+    # If an edge cannot join two parts of the graph, its ends are connected: it closes a loop.
     parts, sources = Parts(graph.nodes), set[str]()
     for edge in graph.edges:
         if ports[edge.name].kind not in (Kind.ACROSS_SOURCE, kind):
@@ -546,7 +546,7 @@ def _check_reached(
             f"the {graph.domain} part with the node {listed(floating)} floats: connect one of "
             f"its nodes to 'ground', the reference of its {DOMAINS[graph.domain].across[0]}"
         )
-    # Edges of infinite weight are never branches, so that no tree reaches these nodes.
+    # Edges of infinite weight are never branches, so no tree reaches these nodes.
     allowed = [n for n in graph.edge_names if weights[n] != _NEVER or ports[n].kind is kind]
     reached = _reached(graph, allowed)
     if cut := [node for node in graph.nodes if node not in reached]:

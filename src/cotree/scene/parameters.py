@@ -1,6 +1,6 @@
 """Parameters of a scene: numbers, and expressions derived from other parameters.
 
-A derived parameter is a node, so that derivatives with respect to its arguments include its effect.
+A derived parameter is a node of the expression graph, so derivatives by its arguments include it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Parameter:
     name : str
         Its name in expressions.
     value : float or Expression
-        A number, or the expression of other parameters from which it is derived.
+        A number or, for a derived parameter, an expression of other parameters.
     unit, doc : str
         Its SI unit, and its meaning as text.
     tunable : bool
@@ -47,7 +47,7 @@ class Parameter:
 
     @property
     def is_derived(self) -> bool:
-        """Return whether it is derived from other parameters."""
+        """Whether the parameter is derived from other parameters."""
         return isinstance(self.value, Expression)
 
     @property
@@ -63,7 +63,7 @@ class Parameter:
 
     @property
     def is_argument(self) -> bool:
-        """Return whether a run may change it: whether it is tunable and not derived."""
+        """Whether a run may change the parameter: whether it is tunable and not derived."""
         return self.tunable and not self.is_derived
 
 
@@ -108,7 +108,7 @@ def check_cycle(parameters: Mapping[str, Parameter], name: str) -> None:
 
 
 def sources(parameters: Mapping[str, Parameter], name: str) -> tuple[str, ...]:
-    """List the numeric parameters on which a derived one depends, in the scene's order."""
+    """Return the numeric parameters on which a derived one depends, in the scene's order."""
     reached = _uses(parameters, name)
     return tuple(n for n, row in parameters.items() if n in reached and not row.is_derived)
 
@@ -145,7 +145,7 @@ def parameter_values(parameters: Mapping[str, Parameter]) -> dict[str, float]:
 
 
 def in_order(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Sort parameters such that each one follows those on which it depends."""
+    """Return the names of parameters, each one after those on which it depends."""
     uses = {name: _own_uses(row) for name, row in parameters.items()}
     try:
         return [name for name in TopologicalSorter(uses).static_order() if name in parameters]
@@ -164,7 +164,7 @@ def _own_uses(row: Parameter) -> frozenset[str]:
 
 
 def _uses(parameters: Mapping[str, Parameter], name: str) -> dict[str, frozenset[str]]:
-    """Return the names that each parameter needs on which the given one depends."""
+    """Return, for a parameter and all on which it depends, the names that each one uses."""
     found: dict[str, frozenset[str]] = {}
     waiting = [name]
     while waiting:

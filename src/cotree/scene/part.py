@@ -1,8 +1,8 @@
 """Parts of a scene: other scenes within it, single or as an array.
 
 A part expands to the declarations of its scene, whose names begin with the part's name, such as
-``leg1.knee``; the outer scene stores them together with its own (`Rows`). Node names contain
-expressions in braces, such as ``n{i - 1}``; expressions use the index itself: ``R0*(1 + 0.1*i)``.
+``leg1.knee``; the outer scene stores them in its own tables (`Rows`). In arrays, node names may
+contain the index in braces, ``n{i - 1}``; expressions contain it directly: ``R0*(1 + 0.1*i)``.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _OF_SCENES = ("energy.kinetic", "energy.potential")
 
 @dataclass(frozen=True)
 class Renaming:
-    """Replaces the names within a part by names of the outer scene."""
+    """Replacement of names within a part by names of the outer scene."""
 
     prefix: str  # text before names of the part, with its dot: ``leg1.``
     nodes: Mapping[str, str]  # for each connected node of the part, the node of the outer scene
@@ -60,7 +60,7 @@ class Renaming:
                 f"uses '{name}', a total of the outer scene, not of the part: declare it there"
             )
         owner = name.rpartition(".")[0]
-        # A node may belong to an inner part, and variable names may contain dots.
+        # A node may belong to an inner part, and names of variables may contain dots.
         while owner:
             if owner == "ground":
                 return name
@@ -82,7 +82,7 @@ class Renaming:
             raise SceneError(f"{where} {error}") from None
 
     def expression(self, value: Expression, where: str) -> Expression:
-        """Return an expression with names of the outer scene, also in its description."""
+        """Return an expression with names of the outer scene; ``where`` describes its owner."""
         try:
             return value.map_names(self.name, where)
         except SceneError as error:
@@ -153,10 +153,10 @@ def _node_fields(edge: Edge) -> set[str]:
     ports = [port.port for port in component.ports if port.port]
     if HEAT in ports or len(ports) > 1:
         found |= set(ports)
-    # Components along the line between two nodes contain these nodes in their field ``line``.
+    # Components along the line between two nodes list these nodes in their field ``line``.
     if any(len(ends.acts_on) == 2 for ends in edge.ports):
         found.add("line")
-    # Reactions contain nodes in fields that the adapted component does not have.
+    # Reactions name nodes in fields that the adapted component does not have.
     return found | {"reactants", "products"} if component.name == "reaction" else found
 
 
@@ -189,7 +189,7 @@ class Rows:
             self._add_stated(renaming)
 
     def _add_stated(self, renaming: Renaming) -> None:
-        """Add all declarations except tables, which expressions call."""
+        """Add all declarations except tables, which must exist when expressions call them."""
         scene, prefix = renaming.scene, renaming.prefix
         for name, row in scene.parameters.items():
             self.parameters[f"{prefix}{name}"] = renaming.quantity(row, "parameter")
@@ -211,14 +211,14 @@ class Rows:
         """Set a parameter of a part to a number or an expression."""
         row = self.parameters[name]
         value, unit = _with_unit(value, row.unit, f"parameter '{name}'")
-        # If a parameter depends on other parameters, it is tunable if they are.
+        # A parameter that depends on other parameters is tunable if these are.
         tunable = row.tunable or isinstance(value, str)
         made = make_parameter(name, value, unit, row.doc, tunable)
         _check_unit(made.unit, row.unit, f"parameter '{name}'")
         self.parameters[name] = made
 
     def bind_input(self, name: str, value: Any, scene: SceneDescription) -> None:
-        """Set an input of a part, which becomes an output if its value depends on states."""
+        """Set an input of a part; it becomes an output if its value depends on states."""
         row = self.inputs.get(name) or Input(name, parse(0.0, ""))
         value, unit = _with_unit(value, row.unit, f"input '{name}'")
         signal = parse_signal(value, f"input '{name}'")
@@ -254,7 +254,7 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def in_name(text: str, index: Mapping[str, int], what: str) -> str:
-    """Replace the expressions in braces in a name by numbers, given the indices."""
+    """Replace the expressions in braces in a name by their values, given the indices."""
     if "{" not in text:
         return text
     return _BRACES.sub(lambda match: str(_whole(match[1], index, what)), text)
@@ -311,9 +311,9 @@ class Part:
     Attributes
     ----------
     name : str
-        Its name; the parts of an array are named ``cell1``, ``cell2``, or ``cell1_1``.
+        Its name; the parts of an array have names such as ``cell1``, ``cell2``, or ``cell1_1``.
     scene : SceneDescription
-        Its scene, which does not change afterwards.
+        Its scene, which must not be changed.
     counts : tuple of int
         Number of parts along each direction of an array; empty for a single part.
     index : tuple of str
@@ -349,7 +349,7 @@ class Part:
     __hash__ = None  # type: ignore[assignment]
 
     def members(self) -> Iterator[tuple[str, dict[str, int]]]:
-        """List the elements of an array, each as its name and its index values."""
+        """Yield the elements of an array, each as its name and its index values."""
         if not self.counts:
             yield self.name, {}
             return
@@ -358,7 +358,7 @@ class Part:
             yield name, dict(zip(self.index, place, strict=True))
 
     def nodes_of(self, member: str) -> Mapping[str, str]:
-        """Return for each connected node of one part the node of the outer scene."""
+        """Return, for each connected node of one part, the node of the outer scene."""
         return {**self.nodes, **self._own_nodes.get(member, {})} if self.set else self.nodes
 
     def is_node(self, name: str) -> bool:
@@ -368,7 +368,7 @@ class Part:
 
     @cached_property
     def _own_nodes(self) -> dict[str, dict[str, str]]:
-        """Return, for individual parts, the nodes that they connect differently from the others."""
+        """Return, for individual parts, the nodes that they connect differently from the array."""
         ports = self.scene.ports or self.node_names - {"ground"}
         found: dict[str, dict[str, str]] = {}
         for name, value in self.set.items():
@@ -393,11 +393,11 @@ class Part:
 
 
 def origins_of(scene: SceneDescription) -> Iterator[Origin]:
-    """List data from other tools' files on a scene and its parts, with the scene's node names."""
+    """Yield data from other tools' files on a scene and its parts, with the scene's node names."""
     if scene.origin is not None:
         yield scene.origin
     for part in scene.parts.values():
-        # Most parts have no such data; then the array is not expanded.
+        # Most parts have no such data, so their array is not expanded.
         inner = list(origins_of(part.scene))
         for member, index in part.members() if inner else ():
             nodes = {own: in_name(n, index, n) for own, n in part.nodes_of(member).items()}
@@ -410,7 +410,7 @@ def origins_of(scene: SceneDescription) -> Iterator[Origin]:
 
 
 def owner_of(scene: SceneDescription, name: str) -> tuple[Part, str, str] | None:
-    """Return the part in which a name is declared, that part's full name, and the inner name."""
+    """Return the part that declares a name, the part's full name, and the name within the part."""
     member, dot, local = name.partition(".")
     part = scene.members.get(member) if dot else None
     return (part, member, local) if part is not None else None

@@ -1,4 +1,4 @@
-"""Adding parts to a scene: checks names, creates declarations and stores them in its tables."""
+"""Addition of parts to a scene: checks of names, creation of declarations, and storage."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _counts(given: object) -> tuple[int, ...]:
     if not 1 <= len(rows) <= len(_INDEX):
         raise SceneError(f"count has {len(rows)} numbers: give one, two or three")
     for row in rows:
-        # In Python booleans are numbers, but they are no valid counts.
+        # Booleans are numbers in Python, but no valid counts.
         if isinstance(row, bool) or not isinstance(row, int) or row < 1:
             raise SceneError(f"count is {brief(repr(row))}: give a whole number from 1 on")
     return tuple(rows)
@@ -191,7 +191,7 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
     for number, line in enumerate(text.splitlines(), 1):
         if heading := _HEADING.match(line):
             steps = [step.strip('"') for step in _STEP.findall(heading[1])]
-            # Other tables of the file do not belong to the scene.
+            # All other tables of the file do not belong to the scene.
             steps = steps[len(within) :] if steps[: len(within)] == within else []
             table = steps[0] if steps else ""
             # Keys in [edges.k] are fields of k; keys in [edges] are edges.
@@ -204,7 +204,7 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
 
 
 _NAMED = re.compile(r"'([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)'")
-_MOST = 3  # maximum number of names in a message whose statements are located
+_MOST = 3  # maximum number of names in a message whose declarations are located
 
 
 def origin_note(
@@ -229,7 +229,7 @@ def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None
 
 
 def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescription | None) -> str:
-    """Return where a part's name is declared, with ``{name}`` as a placeholder for the name."""
+    """Return a text on where a part's name is declared, with the placeholder ``{name}``."""
     member, dot, local = name.partition(".")
     part = members.get(member) if dot else None
     if part is None:
@@ -240,7 +240,7 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
         return f"{{name}} is given by part '{part.name}' of {place_of(outer, 'part', part.name)}"
     if local.partition(".")[0] in part.scene.members:
         return _statement_of(local, part.scene.members, part.scene)
-    # For a variable, use the statement of its edge. Names of edges and variables may contain dots.
+    # For a variable, use the declaration of its edge. Names of edges and variables may have dots.
     while local:
         for kind in _DECLARED:
             if local in getattr(part.scene, f"{kind}s"):
@@ -278,7 +278,7 @@ def _lines(file: str, changed: int, section: str) -> Mapping[tuple[str, str], in
         return statement_lines(stream.read(), section)
 
 
-#: Names that are reserved before a dot.
+#: Names with a meaning of their own before a dot, which parts must not have.
 _TAKEN = frozenset({"ground", "energy", *RESERVED})
 
 
@@ -314,8 +314,8 @@ def add_part(
 
 
 def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
-    """Add declarations of a part before the scene's own, as in files, and after other parts'."""
-    # Search only the scene's own declarations, since there may be thousands from parts.
+    """Add declarations of a part, as in files: before the scene's own and after other parts'."""
+    # Only the scene's own declarations are searched, because parts may add thousands.
     last = list(takewhile(lambda key: "." not in key, reversed(own)))
     kept = {key: own.pop(key) for key in reversed(last)}
     own.update(added)

@@ -43,9 +43,9 @@ class PortEnds:
 def check_ports(
     edge: str, component: Component, nodes: Sequence[object], fields: Mapping[str, Any]
 ) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
-    """Return all nodes of an edge in order, the ends of each scalar port, and the other fields.
+    """Return all nodes of an edge in order, the ends of each scalar port, and all other fields.
 
-    Raises SceneError for a wrong number of nodes, or for equal nodes that must differ.
+    Raise SceneError if the number of nodes is wrong, or if nodes are equal that must differ.
     """
     rest = dict(fields)
     if component.role is not Role.NETWORK:
@@ -55,7 +55,7 @@ def check_ports(
             return (), (), rest
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
-    # The value of a field is the node of the thermal port, which ``check_heat`` has appended.
+    # ``check_heat`` has appended the thermal port; the value of its field is the node.
     if component.ports[-1].port == HEAT:
         sink = _heat_nodes(edge, rest.pop(HEAT))
         own = replace(component, ports=component.ports[:-1])
@@ -77,7 +77,7 @@ def check_ports(
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(port, pair, f"edge '{edge}'"),), rest
     _refuse_places(edge, component, nodes, rest)
-    # In this short form, each node belongs to one port, whose other node is the ground.
+    # This short form lists one node per port; the other node of each port is the ground.
     if nodes:
         if not is_list(nodes) or len(nodes) != len(component.ports):
             names = ", ".join(port.port for port in component.ports)
@@ -174,7 +174,7 @@ def _refuse_nodes(edge: str, nodes: Sequence[object]) -> None:
 def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
     """Read the joint on which a port acts, or the two nodes that define its line of action."""
     if "joint" in rest:
-        # Whether the last word is a coordinate is decided later, when the joints are known.
+        # The last word of the name may be a coordinate; this is decided when the joints are known.
         return PortEnds("", "", (check_path("joint", str(rest.pop("joint"))),))
     return PortEnds("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
 
@@ -198,7 +198,7 @@ def _by_terminal(
     for port in component.ports:
         # Inner nodes have names that a scene cannot state.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
-        if head == tail and "ground" in port.between:  # except species and outputs of amplifiers
+        if head == tail and "ground" in port.between:  # in species, outputs of amplifiers
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"

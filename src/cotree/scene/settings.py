@@ -1,4 +1,4 @@
-"""Settings of runs: fields, units, defaults and checks in one place.
+"""Settings of runs: their types, units, defaults and checks.
 
 To add a setting, add a line to ``Settings`` and, for editors, its type to ``SettingsDict``.
 """
@@ -30,7 +30,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 #: Default limits of the numbers of steps and events in a run.
 MOST_STEPS, MOST_EVENTS = 1_000_000, 100_000
 
-#: Most steps of a run in an estimation, so that runs of models that become stiff fail early.
+#: Maximum number of steps of a run in an estimation: runs of models that become stiff fail early.
 STEPS_OF_FIT = 100_000
 
 
@@ -81,7 +81,7 @@ def _values(value: Any, name: str) -> Any:
     return by_name(value)  # the model checks names and shape
 
 
-# Largest number of output times in a run, which guards against typing errors.
+# Maximum number of output times in a run; it guards against typing errors.
 _MOST_POINTS = 10_000_000
 
 
@@ -331,7 +331,7 @@ class Settings:
 
 
 def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
-    """Raise if times are outside the time span or run against its direction."""
+    """Raise if times are outside the time span or do not follow its direction."""
     if times is None:
         return
     start, end = t_span
@@ -340,7 +340,7 @@ def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
         raise SolveError(
             f"t_eval holds t = {outside[0]:g}, outside the time span ({start:g}, {end:g})."
         )
-    # Outputs are stored in the order of the steps, so that times must run in the same direction.
+    # Outputs are stored in the order of the steps, so times must have the direction of the run.
     direction = math.copysign(1.0, end - start)
     if np.any(direction * np.diff(times) <= 0):
         order = "increase" if direction > 0 else "decrease"
@@ -384,7 +384,7 @@ documented(Settings)
 
 
 def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
-    """Return the settings of a call; the scene's defaults replace those that it omits."""
+    """Return the settings of a call; settings that it omits have the scene's defaults."""
     if not given.keys() <= ROWS.keys():
         name = next(name for name in given if name not in ROWS)
         raise TypeError(f"there is no setting '{name}'{nearest(name, ROWS)}")
@@ -392,7 +392,7 @@ def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
     return Settings(**{name: getattr(defaults, name) for name in ROWS} | own)
 
 
-#: Starts from initial values of the states, or from the operating point, where rates are zero.
+#: Kinds of starts: initial values of the states, or the operating point, where rates are zero.
 INITIAL, OPERATING_POINT = "initial values", "operating point"
 
 
@@ -403,12 +403,12 @@ class Simulation(Settings):
     #: Kind of the start. At the operating point, an electrical network is at rest with the initial
     #: values of its sources: capacitors have no current, and inductors have no voltage.
     start: str = INITIAL
-    #: Nodes whose voltages are fixed only while the operating point is computed.
+    #: Nodes and their voltages, which are prescribed only while the operating point is computed.
     held: tuple[tuple[str, Expression], ...] = ()
 
     @property
     def t_end(self) -> float:
-        """End time, [s]."""
+        """The end time, [s]."""
         return self.t_span[1]
 
 
@@ -434,11 +434,11 @@ def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
     if "held" in changed:
         changed["held"] = _held(changed["held"])
     try:
-        # Settings are immutable: a changed copy leaves shared settings as they are.
+        # Settings are immutable and may be shared, so the change is made in a copy.
         made = replace(old, **changed)
     except (ParameterError, SolveError) as error:
         raise SceneError(f"of the simulation {str(error).rstrip('.')}") from None
-    # Voltages of nodes can only be fixed for an operating point.
+    # Node voltages can be prescribed only while an operating point is computed.
     if made.held and made.start != OPERATING_POINT:
         raise SceneError(f"held of the simulation needs start = '{OPERATING_POINT}'")
     return made

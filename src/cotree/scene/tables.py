@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
 
 
-#: Largest number of values in a table: of numbers, and of expressions, which become separate terms.
+#: Maximum number of values in a table, and of values that are expressions: each adds a term.
 LARGEST_TABLE, _MOST_EXPRESSIONS = 100_000, 100
 
 _INTERPOLATIONS = ("linear", "monotone")
@@ -53,7 +53,7 @@ class LookupTable:
     interpolation: str = "linear"  # ``linear`` (bilinear) or ``monotone`` (cubic)
     #: Extrapolation: ``hold`` keeps the last value, ``extend`` keeps the last slope.
     beyond: str = "hold"
-    doc: str = field(default="")  # its meaning, as text
+    doc: str = field(default="")  # its meaning as text
 
     @property
     def n_arguments(self) -> int:
@@ -249,7 +249,7 @@ def make_table(value: object, where: str, argument: str) -> Table:
     return made
 
 
-#: Largest size of a file of points, [byte].
+#: Maximum size of a file of points, [byte].
 LARGEST_POINTS = 20_000_000
 
 
@@ -258,9 +258,9 @@ def read_points(
 ) -> tuple[list[float], list[float] | None, list[float] | list[list[float]]]:
     """Return the arguments, second arguments and values of a table from the text of a CSV file.
 
-    Two columns contain arguments and values; a line of names may precede them. With more columns,
-    the first line contains a corner and the second arguments, each further line an argument and a
-    row of values.
+    Two columns contain arguments and values, and a line of names may precede them. With more
+    columns, the first line contains an unused entry, then the second arguments; each further line
+    contains a first argument, then a row of values.
     """
     rows = read_rows(text, f"{where}: {file}")
     if not rows:

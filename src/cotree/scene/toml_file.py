@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 
-# Advice on error messages of the parser, of which the first match is used.
+# Advice on error messages of the parser; the first pattern that matches is used.
 _ADVICE = (
     (
         "Cannot overwrite a value",
@@ -70,7 +70,7 @@ def advice(message: str, text: str) -> str:
     return f", in `{line}`" + (f": {remedy}" if remedy else "")
 
 
-# Keys of all edges, whatever their type.
+# Keys that edges of all types have.
 _OF_EDGES = ("type", "nodes", "initial")
 
 
@@ -90,9 +90,9 @@ def _check_keys(name: str, edge: Mapping[str, Any]) -> None:
 
 
 if TYPE_CHECKING:
-    #: Callback that returns the scene that a part names, and the scene's source.
+    #: Function that returns the scene that a part names, and the source of this scene.
     Parts = Callable[[str], tuple[SceneDescription, str]]
-    #: Callback that returns the text of a table's data file.
+    #: Function that returns the text of a table's data file.
     Points = Callable[[str], str]
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
@@ -107,7 +107,7 @@ def fill(
     data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Parts, points: Points
 ) -> _Scene:
     """Create a scene from the tables of its file; ``stem`` is the default name."""
-    # Each statement calls the method for Python users, so that files are checked in the same way.
+    # Each statement calls the method for Python users, so files are checked in the same way.
     for name, value in data.items():
         is_lost = name not in _SECTIONS and (not isinstance(value, dict) or "value" in value)
         if is_lost and not (hint := nearest(name, _SECTIONS)).endswith("?"):
@@ -117,7 +117,7 @@ def fill(
             )
     check_known(data, _SECTIONS, "unknown section")
     scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
-    # Tables come first, since expressions call them.
+    # Tables come first, because expressions call them.
     for name, table in _table(data, "tables").items():
         if not isinstance(table, dict):
             raise SceneError(f"table '{brief(name)}' must be a table with 'x' and its values")
@@ -136,7 +136,7 @@ def fill(
     for name, value in _table(data, "modes").items():
         given = _named_value("mode", name, value, ("doc",))
         scene.mode(name, given["value"], doc=given.get("doc", ""))
-    # Edges come after parts, since they may connect to nodes of parts.
+    # Edges come after parts, because they may connect to nodes of parts.
     for name, part in _table(data, "parts").items():
         _add_part(scene, name, part, parts)
     for name, edge in _table(data, "edges").items():
@@ -148,7 +148,7 @@ def fill(
     scene.simulation(**_table(data, "simulation"))
     scene.allow(*check_allowed(data.get("allow", [])))
     scene.port(*_ports(data.get("ports", []), scene))
-    # Shapes come after edges, since they name nodes of edges.
+    # Shapes come after edges, because they name nodes of edges.
     if "origin" in data:
         scene.origin = read_origin(data["origin"], set(scene.nodes))
     return scene
@@ -218,7 +218,7 @@ def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
     scene.edge(name, rest.pop("type"), *nodes, initial=rest.pop("initial", None), **rest)
 
 
-#: Largest size of a scene file, [byte].
+#: Maximum size of a scene file, [byte].
 LARGEST_FILE = 50_000_000
 
 
@@ -246,7 +246,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def load_part(source: str | Path) -> tuple[SceneDescription, str]:
-    """Read the scene of a part; also return its source."""
+    """Read the scene of a part; return the scene and its source."""
     known = shipped_parts()
     if isinstance(source, str) and source in known:
         return _read_shipped("parts", source, SceneDescription), source
@@ -278,18 +278,18 @@ def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
 
 
 _NAMED = re.compile(r"(edge|part|parameter|input|output|mode|event|table) '([^']+)'")
-_DEEPEST = 20  # largest depth of nested parts
+_DEEPEST = 20  # maximum depth of nested parts
 
 
 @dataclass(frozen=True)
 class _Reading:
-    """Reads one file, including the files and scenes that its parts may name."""
+    """Reader of one file, and of the files and scenes that its parts name."""
 
     #: Text of the file, and its name in error messages.
     text: str
     where: str
     file: str = ""  # path of the file; empty if the text is not from a file
-    #: Folder that must contain the files of parts, and folder of this file; empty: no such files.
+    #: Folder that must contain the files of parts, and folder of this file; empty without files.
     root: str = ""
     folder: str = ""
     trail: tuple[str, ...] = ()  # files that are currently being read, the outermost first
@@ -316,17 +316,17 @@ class _Reading:
         return made
 
     def located(self, error: ModelError, where: str, section: str) -> ModelError:
-        """Return the error with its file, and line of the first declaration that it names."""
+        """Return the error with its file and the line of the first declaration that it names."""
         from cotree.scene.part_adding import statement_lines
 
         lines = statement_lines(self.text, section)
         named = _NAMED.findall(str(error))
-        # Members of an array of parts have the array's name and a number.
+        # Parts of an array have the array's name and a number.
         named += [(kind, name.rstrip("0123456789_")) for kind, name in named if kind == "part"]
         found = (lines.get(key) for key in named)
         line = next((number for number in found if number), 0)
         place = f"{where}, line {line}" if line else where
-        # Keep the type of the error, so that callers can distinguish errors in expressions.
+        # The type of the error is kept, so that callers can distinguish errors in expressions.
         return type(error)(f"{place}: {error}")
 
     def part_file(self, name: str) -> tuple[SceneDescription, str]:
@@ -357,7 +357,7 @@ class _Reading:
         return read_text(path, LARGEST_POINTS)
 
     def place(self, name: str, kind: str, here: str, beside: str, suffix: str) -> tuple[str, str]:
-        """Find a file that this file names, in the same folder or below it."""
+        """Return path and real path of a file that this file names, in its folder or below."""
         if not self.folder:
             raise SceneError(
                 f"{kind} '{brief(name)}' is a file, but the scene that names it was not read "
@@ -393,7 +393,7 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _Scenes:
-    """Scenes that tables of a file define for its parts; inner definitions take precedence."""
+    """Scenes that a file defines for its parts; definitions in inner tables take precedence."""
 
     reading: _Reading  # the file that contains the tables
     section: str  # table of the file that contains the scenes; empty at the top level

@@ -1,6 +1,6 @@
 """Conversion of scenes to TOML; comments and order of a file are kept (tomlkit).
 
-New text is written here, since other writers put each number of a list on a separate line.
+This module writes new text itself, because other writers put each number of a list on a line.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 _Row = TypeVar("_Row")
 
-_LARGEST_KEPT = 200_000  # largest size of a file whose comments are kept, [byte]
-_WIDEST = 99  # largest number of columns
+_LARGEST_KEPT = 200_000  # maximum size of a file whose comments are kept, [byte]
+_WIDEST = 99  # maximum number of columns
 _BARE = re.compile(r"[A-Za-z0-9_-]+\Z")
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 
@@ -50,7 +50,7 @@ def _kept_text(scene: SceneDescription, text: str) -> str:
 
     if not scene.file.endswith(".toml"):
         return ""
-    # Entries that the new text lacks may equal a default: try to keep them, then to remove them.
+    # Entries that the new text lacks may state defaults: they are kept if possible, else removed.
     for has_removed in (False, True):
         try:
             old = tomlkit.parse(read_text(scene.file, _LARGEST_KEPT))
@@ -88,7 +88,7 @@ def _changed_field(read: SceneDescription, scene: SceneDescription) -> str:
 
 
 def scene_text(scene: SceneDescription) -> str:
-    """Return a scene as TOML text, read back to ensure that it describes this scene."""
+    """Return a scene as TOML text, and read it back to ensure that it describes this scene."""
     text = "\n".join(_lines(scene)) + "\n"
     if len(text.encode()) > LARGEST_FILE:
         raise SceneError(f"scene '{scene.name}' takes more than the {LARGEST_FILE} bytes of a file")
@@ -120,7 +120,7 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
 
 
 def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterator[str]:
-    """Return the tables of a scene as text, each below the table ``at`` of the file."""
+    """Yield the lines of a scene's tables; in the file, these are below the table ``at``."""
     yield f"name = {_text(scene.name)}"
     # Here and below, default values are omitted.
     if any(item.text != "0.0" for item in scene.gravity):
@@ -163,12 +163,12 @@ def _own(rows: Mapping[str, _Row]) -> list[tuple[str, _Row]]:
 def _scenes_of_parts(
     scene: SceneDescription, found: dict[str, SceneDescription], names: dict[int, str]
 ) -> None:
-    """Return names for the scenes of all parts, inner ones first."""
+    """Collect names for the scenes of all parts, inner ones first, in ``found`` and ``names``."""
     for part in scene.parts.values():
         made = part.scene
         if id(made) in names:
             continue
-        # Only shipped parts are written by name, so that the file depends on no others.
+        # Only shipped parts are written by name, so that the file does not depend on other files.
         if part.source in shipped_parts() and load_part(part.source)[0] == made:
             names[id(made)] = part.source
             continue
@@ -234,17 +234,17 @@ def _settings(given: Simulation) -> dict[str, object]:
 
 
 def _rows(name: str, rows: Mapping[str, object]) -> Iterator[str]:
-    """Return a section as text, with its rows in order and one line per row."""
+    """Yield a section as text, with its rows in order and one line per row."""
     if rows:
         yield from ("", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in rows.items()))
 
 
 def _table(name: str, rows: Mapping[str, Any], heading: str = "[{}]") -> Iterator[str]:
-    """Return a section as text; tables that are too long for a line follow as separate sections."""
+    """Yield a section as text; tables that are too long for a line follow as separate sections."""
     yield from ("", heading.format(name))
     long = {}
     for key, value in rows.items():
-        # TOML keys must precede subsections, since a key after a subsection belongs to it.
+        # TOML keys must precede subsections, because a key after a subsection belongs to it.
         line = f"{_key(key)} = {_value(value)}"
         if isinstance(value, Mapping) and (len(line) > _WIDEST or "\n" in line):
             long[key] = value

@@ -18,9 +18,9 @@ from cotree.errors import SceneError, brief
 from cotree.scene.fields import initial_units
 from cotree.scene.ports import acts_on_multibody
 
-_WIDEST = 88  # largest number of columns
+_WIDEST = 88  # maximum number of columns
 
-_LONGEST = 40  # number of letters of a name that are compared, since names from files may be long
+_LONGEST = 40  # number of letters of a name that are compared, because names from files may be long
 
 #: Synonyms of components, in the order of the components' table.
 _ALSO_CALLED = {
@@ -58,7 +58,7 @@ _ALSO_CALLED = {
 
 @dataclass(frozen=True)
 class Entry:
-    """Name, meaning and unit of an edge's entry other than its listed nodes."""
+    """Name, meaning and unit of one entry of an edge other than its listed nodes."""
 
     name: str
     doc: str
@@ -70,10 +70,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Usage:
-    """Nodes and entries with which an edge of a component type is stated."""
+    """Nodes and entries in the statement of an edge of a component type."""
 
     component: Component  # component type of the edge
-    #: Names of the nodes in their order; empty if each port has its own nodes.
+    #: Names of the nodes in their order; empty if each port has separate nodes.
     nodes: tuple[str, ...]
     n_needed: int  # number of required nodes
     #: Whether a list of nodes contains one node per port, whose other node is the ground.
@@ -83,7 +83,7 @@ class Usage:
 
 
 def usage_of(name: str) -> Usage:
-    """Return how edges of a component type are stated."""
+    """Return the nodes and entries with which edges of a component type are stated."""
     component = COMPONENTS.get(name)
     if component is None:
         raise SceneError(f"there is no component '{brief(name)}'{proposed_types(name)}")
@@ -113,7 +113,7 @@ def proposed_types(name: object) -> str:
 
 
 def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
-    """Return a type's nodes, how many are required, and whether each port has its own nodes."""
+    """Return a type's nodes, the number of required ones, and whether each port has two nodes."""
     if any(field.shape is Shape.NAMES for field in component.fields):
         return (), 0, False  # fields contain the nodes
     if component.terminals:
@@ -129,7 +129,7 @@ def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
 
 
 def _ports(component: Component) -> list[Entry]:
-    """List the entries for nodes of ports, and for the joint or line on which a port acts."""
+    """Return the entries for nodes of ports, and for the joint or line on which a port acts."""
     if component.terminals or component.geometry is not None:
         return []
     found = []
@@ -170,7 +170,7 @@ def _entry(field: Field) -> Entry:
 
 @lru_cache(maxsize=1)
 def examples() -> Mapping[str, tuple[str, Mapping[str, Any]]]:
-    """Return the edge's name and statement in each component page's example."""
+    """Return the name and statement of an edge for each component type, from its page's example."""
     file = resources.files("cotree") / "components" / "examples.toml"
     tables = tomllib.loads(file.read_text(encoding="utf-8"))
     # Each table contains one edge, by name.
@@ -204,7 +204,7 @@ def _in_rows(value: object) -> str:
 
 
 def _value(value: object) -> str:
-    # Quote strings as code formatters do, with double quotes, unlike repr().
+    # Code formatters use double quotes, unlike repr().
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, Mapping):

@@ -1,8 +1,8 @@
 """Scenes made from other scenes: with other inputs, with fixed parameters, or at rest.
 
 An input whose expression contains states or outputs becomes an output of the same name, which
-fields may use. At rest, capacities are replaced by their current at constant voltage, which is zero
-or that of a junction; inductances become short circuits.
+fields may use. At rest, capacitances are replaced by their current at constant voltage, which is
+zero or the static current of a junction; inductances become short circuits.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def with_inputs(
 ) -> _Scene:
     """Return the scene with other inputs; see :meth:`cotree.Scene.with_inputs`.
 
-    Messages call an input that becomes an output ``kind``.
+    ``kind`` is the word in messages for an input that becomes an output.
     """
     given = dict(parameters or {})
     changed = scene.copied()
@@ -81,7 +81,7 @@ def with_inputs(
 
 
 def expressions_among(inputs: Mapping[str, Any]) -> dict[str, str]:
-    """Return the inputs that are expressions, not numbers, which may also be in quotes."""
+    """Return the inputs that are expressions; numbers, also in quotes, are not."""
     found = {}
     for name, value in inputs.items():
         if isinstance(value, str):
@@ -148,7 +148,7 @@ def keep_tunable(scene: _Scene, tunable: Sequence[str], sensitivities: Sequence[
                 f"tunable names '{name}', which is derived, {name} = {row.value.text}: name "
                 f"{of or 'none'} instead"
             )
-    # A parameter that is a fixed number in the code has no derivative.
+    # Parameters of sensitivities remain tunable: fixed numbers have no derivatives.
     kept = {*wanted, *sensitivities}
     # Only the table of parameters is replaced; the caller's scene is unchanged.
     changed = copy.copy(scene)
@@ -166,7 +166,7 @@ def scene_at_rest(
     scene: SceneDescription, wanted: Sequence[str], jumps: Mapping[str, Expression]
 ) -> SceneDescription:
     """Return the scene of an operating point; outputs ``wanted_0``, ... are the given variables."""
-    # In this shallow copy only what differs at rest is replaced.
+    # This copy is shallow: only tables that differ at rest are replaced.
     at_rest = copy.copy(scene)
     at_rest.edges = {name: _edge_at_rest(edge) for name, edge in scene.edges.items()}
     at_rest.events, at_rest.defaults = {}, Simulation()
@@ -222,7 +222,7 @@ def _is_storage(port: Terminal) -> bool:
 
 def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
     terminal = replace(terminal, content=None)
-    # At rest the current is constant, so that no voltage is induced: a source of zero voltage.
+    # At rest the current is constant, so no voltage is induced: a source of zero voltage.
     if terminal.kind is Kind.THROUGH_STORAGE:
         if is_short:  # the circulating current is undetermined, but any resistance would end it
             return replace(
