@@ -122,7 +122,7 @@ def test_the_architecture_names_every_room_in_the_order_of_the_contract():
         row["layers"] for row in contracts["tool"]["importlinter"]["contracts"] if "layers" in row
     )
     rooms = [room.strip().removeprefix("cotree.") for row in layers for room in row.split("|")]
-    table = ARCHITECTURE.partition("## Rooms")[2]
+    table = ARCHITECTURE.partition("## Packages")[2]
     first = re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE)
     assert [room for cell in first for room in re.findall(r"`(\w+)`", cell)] == rooms
 
