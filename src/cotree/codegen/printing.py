@@ -248,7 +248,6 @@ class _Printer:
             parts.append(text)
             if place is not None:
                 spelt, arg, needed = next(given)
-                # Parentheses are used only if the precedence of the argument is too low.
                 parts.append(spelt if arg.level >= needed else f"({spelt})")
         return "".join(parts)
 

@@ -66,7 +66,6 @@ def split_extras(
     """Return the names in ``fields`` that add a term, and the given values without zero terms."""
     names = {row.name for row in fields}
     has = frozenset(name for name in names if not is_absent(given.get(name)))
-    # Remove the fields of absent terms.
     return has, {
         key: item
         for key, item in given.items()

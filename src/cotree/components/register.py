@@ -1,8 +1,8 @@
 """User-defined components with laws in SymPy, whose arguments determine the kinds of ports.
 
-A port whose law has the argument ``stretch`` is a spring; with the rate of a variable, the port is a
-storage, and with its other variable a dissipator. All other ports are sources, or storages if the
-law gives their content.
+A port whose law has the argument ``stretch`` is a spring; with the rate of a variable it is a
+storage, with its other variable a dissipator. All other ports are sources, or storages if the law
+gives their content.
 """
 
 from __future__ import annotations

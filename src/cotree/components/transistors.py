@@ -263,7 +263,6 @@ def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
         has, rest = split_extras(_EXTRAS, given)
-        # The optional fourth node is the substrate.
         has_substrate = len(nodes) == len(TERMINALS) + 1
         if "substrate_capacitance" in has and not has_substrate:
             raise SceneError(

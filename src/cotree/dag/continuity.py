@@ -186,7 +186,6 @@ def _crossings(condition: Node, motion: _Motion, most: int = 4) -> list[float]:
         a, b, before = times[i], times[i + 1], sides[i]
         if len(found) == most:
             break
-        # Skip intervals with an undefined end.
         if before == sides[i + 1] or math.isnan(before) or math.isnan(sides[i + 1]):
             continue
         # Bisect until a and b are neighbouring doubles.

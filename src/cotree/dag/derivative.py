@@ -1,13 +1,11 @@
 """Derivatives of nodes: forward (tangents) and reverse (adjoints).
 
-Component laws and expressions are differentiated here. Tests compare the sensitivity graphs
-(:mod:`cotree.sensitivity`) with these derivatives.
+Component laws and expressions are differentiated here, and sensitivity graphs are checked with it.
 
 ``sqrt(max(x, 0))``, ``max(x, 0)**0.7``, ``sqrt(x + abs(x))`` and ``acos(min(x, 1))`` are constant
-in one branch. There the chain rule would multiply an infinite slope by zero. The derivative is set
-to zero in such a branch, including its end point. If the domain of a root ends at the zero of a
-selection's condition, as in ``where(x < 0, 0, x*sqrt(x))``, the derivative of the other side is
-used there.
+in one branch, in which the chain rule would multiply an infinite slope by zero. The derivative is
+zero there, including the end of the branch. If the domain of a root ends at the zero of a
+selection's condition, as in ``where(x < 0, 0, x*sqrt(x))``, the other side's derivative is used.
 """
 
 from __future__ import annotations
@@ -106,8 +104,7 @@ class Clips:
             return term
         condition = self._reached(node) if node.op in SINGULAR else None
         if condition is None and any(branch.is_zero for branch in self._of(weight)):
-            # If another branch is selected, the adjoint is zero, and an infinite partial must not
-            # count.
+            # If another branch is selected, the adjoint is zero: an infinite partial has no effect.
             condition = -dag.function("abs", weight)
         return term if condition is None else dag.select(condition, dag.zero, term)
 

@@ -158,7 +158,6 @@ def _pieces(
     is_fixed = not is_moving and all(_is_fixed(line) for row in rows for line in row)
     if is_fixed and node.op != "result":
         return (_Line(node, zero, zero),)
-    # |x| is x or -x.
     if node.op == "abs":
         return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))
     if node.op == "sign":

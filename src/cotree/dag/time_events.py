@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
 
-#: Maximum number of times in a run, and of numbers stored for them. A larger number indicates wrong
-#: units.
+#: Maximum number of times in a run, and of numbers stored for them; more indicate wrong units.
 _MOST, _MOST_NUMBERS = 10_000_000, 30_000_000
 
 #: Up to this number of times, the search takes milliseconds and is not checked against the limit.

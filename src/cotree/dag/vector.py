@@ -208,7 +208,6 @@ class Rotation:
     def then(self, axis: Vector, angle: Node) -> Rotation:
         """Return this rotation followed by a rotation about an axis fixed in the rotated frame."""
         if self.angle is None or self.axis is None:
-            # The identity followed by one rotation has a single axis.
             if self.is_identity:
                 return about(axis, angle)
         elif all(a is b for a, b in zip(self.axis, axis, strict=True)):

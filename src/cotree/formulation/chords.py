@@ -90,7 +90,6 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
         for place, unit in zip("xyz", vector.identity(dag), strict=True):
             yield _named(edge, place, "m", Coincidence(ends, unit))
         return
-    # A joint with three translations constrains no translation.
     if len(sliding) == 3:
         return
     if len(sliding) == 2:

@@ -141,7 +141,6 @@ class Clusters:
         found: list[Branch] = []
         while cluster:
             branch = self.to(cluster)
-            # Skip translations, which do not change the axes.
             if branch.turns:
                 found.append(branch)
             cluster = branch.turn_parent

@@ -170,7 +170,7 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
 
 def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
     number = at_scene(guard.value)
-    return number >= 0.0 or not math.isfinite(number)  # nan is not judged here: the guard reports it
+    return number >= 0.0 or not math.isfinite(number)  # the guard itself reports nan
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:

@@ -54,7 +54,6 @@ class Frames:
     def down(self, cluster: int, a: Vector) -> Vector:
         """Transform a vector from the parent's basis to the cluster's basis."""
         step = self.steps[cluster]
-        # The transpose of a rotation is its inverse.
         return a if step is None else vector.transposed_times(step, a)
 
     def resolved(self, cluster: int, local: Vector) -> Vector:

@@ -77,7 +77,6 @@ def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: boo
     measure = chord_measure(motion, edge, name)
     if measure is None:
         return None
-    # The name selects either the value or the rate of a measure.
     is_value = any(name == n for step in edge.component.motion_space for n, _ in step.coordinates)
     if is_acting and is_value and isinstance(measure, Angle):
         measure = whole_angle(motion, edge)

@@ -1,9 +1,8 @@
 """Gaussian elimination of sparse matrices with entries of any type, and elimination plans.
 
-Entries are nodes, whose values become code, or placeholders if only the pattern is known. Pivots
-never depend on values, which are known only at run time. A plan lists the steps that factorise
-``shift M - J`` and solve with the factors. J is a Jacobian; M is a unit matrix with zeros for
-algebraic unknowns. The generated code checks its results.
+Entries are nodes, whose values become code, or placeholders if only the pattern is known. Pivots do
+not depend on values, since these are known only at run time. A plan is for ``shift M - J``: J is a
+Jacobian, M a unit matrix with zeros for algebraic unknowns. The generated code checks its results.
 """
 
 from __future__ import annotations

@@ -89,7 +89,6 @@ class Program:
         """
         if not self.stops and not others:
             return RestartTimes.none()
-        # If a run replaces an input, the time events of the input do not apply.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
             nodes = [
