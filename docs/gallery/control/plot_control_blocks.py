@@ -41,7 +41,7 @@ sampled = motor("sampled-pi", T=0.5, Kp=0.6, Ki=0.3).compile().simulate((0, 20),
 
 # %%
 # The step response of :math:`\omega^2/(s^2 + 2 D \omega s + \omega^2)` agrees with its closed form.
-# Next comes a delay of four Padé stages.
+# A delay, which four Padé stages approximate, shifts this response by one second.
 w, D, T = 2.0, 0.25, 1.0
 chain = cotree.Scene("chain")
 chain.add("G", "transfer-function", b2=0.0, b1=0.0, b0=w**2, a1=2 * D * w, a0=w**2, u=1.0)

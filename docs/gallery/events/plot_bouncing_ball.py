@@ -3,7 +3,7 @@ Bouncing ball with sensitivities
 ================================
 
 A ball loses 20 % of its speed at each bounce. The heights and times of later bounces depend on the
-coefficient of restitution. The sensitivities of both are exact although the velocity jumps.
+coefficient of restitution. Their sensitivities are exact, although the velocity jumps.
 """
 
 import matplotlib.pyplot as plt
@@ -30,7 +30,7 @@ plt.show()
 
 # %%
 # The time of bounce n has a closed form: :math:`\sqrt{2h/g}\,(1 + 2e + 2e^2 + \dots +
-# 2e^{n-1})`. Between bounces the motion is a parabola, which the method integrates to rounding.
+# 2e^{n-1})`. Between bounces the motion is a parabola, which the method integrates exactly.
 powers = np.arange(len(result.events["hit"].t))
 fall = np.sqrt(2 * h / g)
 times = fall * (2 * np.cumsum(e**powers) - 1)

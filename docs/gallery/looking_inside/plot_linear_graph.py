@@ -2,7 +2,7 @@
 Linear graph of a scene
 =======================
 
-In a linear graph, nodes are frames or points, and edges are components. The tree (bold) determines
+The nodes of a linear graph are frames or points, and its edges are components. The tree (bold) determines
 the unknowns. The f-cutsets of the tree give the balance equations, and its f-circuits give the
 compatibility equations.
 """

@@ -2,8 +2,9 @@
 Four-bar linkage and its coupler curve
 ======================================
 
-Three bars and the ground form a closed loop. The fourth pin is not in the tree. Multipliers and
-projection enforce its two constraints. The figure shows the path of a point of the coupler.
+Three bars and the ground form a closed loop. The tree contains three of the four pins. Multipliers
+and projection enforce the two constraints of the fourth pin. The figure shows the path of a point
+of the coupler.
 """
 
 import math

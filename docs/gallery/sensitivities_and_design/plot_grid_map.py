@@ -37,7 +37,7 @@ fig = cotree.heat_map(runs, "swing left")
 plt.show()
 
 # %%
-# Each cell agrees with a single run to rounding.
+# Each cell agrees with a single run to within rounding errors.
 cell = runs.sel(zeta=2.0).isel(k=24)
 alone = model.simulate(
     (0, 10),
