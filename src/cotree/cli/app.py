@@ -59,13 +59,17 @@ def lint_scene(
     scene: SceneName,
     allow: Annotated[
         list[str],
-        typer.Option(metavar="RULE[:NAME]", help="A finding that is on purpose; may be repeated."),
+        typer.Option(
+            metavar="RULE[:NAME]",
+            help="Allow this finding, because the entry is intended; may be repeated.",
+        ),
     ] = [],  # noqa: B006 - typer copies it
-    as_json: Annotated[bool, typer.Option("--json", help="Print a list of objects.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """List suspicious statements of a scene: unused names, dangling nodes, inconsistent units.
+    """List suspicious entries of a scene.
 
-    Exit code 1 if there is a finding. Entries of allow = ["RULE:NAME"] in the file are on purpose.
+    Examples are unused names, dangling nodes and inconsistent units. If there are findings, the
+    exit code is 1. To allow a finding, write allow = ["RULE:NAME"] in the scene file.
     """
     found = read_scene(scene).lint(allow)
     if as_json:
@@ -118,7 +122,10 @@ def check_scene(
     settings: Any = None,
     tree: Any = None,
 ) -> None:
-    """Compare sensitivities with finite differences; all parameters if none is named."""
+    """Compare sensitivities with finite differences.
+
+    By default, the sensitivities to all parameters are compared.
+    """
     from cotree.lint import lint
 
     described = read_scene(scene, settings)
@@ -143,32 +150,47 @@ def bench_scene(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
     method: Annotated[
-        list[str], typer.Option(help="A method; may be repeated. All of them if absent.")
+        list[str], typer.Option(help="Method to measure; may be repeated. Default: all methods.")
     ] = [],  # noqa: B006
     tolerance: Annotated[
         list[str],
         typer.Option(
             metavar="RTOL[,ATOL]",
-            help="Tolerances; may be repeated. 1e-3 to 1e-11 if absent, atol a hundredth of rtol.",
+            help="Tolerances to measure; may be repeated. Default: 1e-3 to 1e-11. Without ATOL, "
+            "it is a hundredth of RTOL.",
         ),
     ] = [],  # noqa: B006
     repeats: Annotated[
-        int | None, typer.Option(min=1, help="Timed runs of each: 25 if absent, 9 with --quick.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="Number of timed runs of each method and tolerance. Default: 25, or 9 with "
+            "--quick.",
+        ),
     ] = None,
     t_end: EndTime = None,
     settings: Any = None,
     budget: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Processor time of all runs: 20 if absent, 4 with --quick."),
+        typer.Option(
+            metavar="S",
+            help="Limit of the processor time of all runs, in s. Default: 20, or 4 with --quick.",
+        ),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Tolerances 1e-3, 1e-6 and 1e-9, and fewer runs.")
+        bool,
+        typer.Option(
+            "--quick", help="Measure only the tolerances 1e-3, 1e-6 and 1e-9, with fewer runs."
+        ),
     ] = False,
     tree: Any = None,
-    json: Annotated[Path | None, typer.Option(help="Write all numbers to this file.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Write all results to this JSON file.")] = None,
     plot: Plot = None,
 ) -> None:
-    """Measure speed against error of every method on a scene, and recommend one."""
+    """Measure all methods on a scene and recommend one.
+
+    The table lists times and errors at several tolerances.
+    """
     from cotree.plot import save_figure
     from cotree.studies import bench as study
 
@@ -227,37 +249,44 @@ _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
 def export_scene(
     scene: SceneName,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="File to write, x.fmu.")
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="File to write; its name ends in .fmu."
+        ),
     ],
     sensitivity: Sensitivity = [],  # noqa: B006
     tree: Any = None,
-    version: Annotated[int, typer.Option(help="Version of FMI: 3 or 2.")] = 3,
+    version: Annotated[int, typer.Option(help="Version of the FMI standard: 3 or 2.")] = 3,
     kind: Annotated[
         list[str],
         typer.Option(
             metavar="KIND",
-            help="me for Model Exchange, cs for Co-Simulation, by default both; may be repeated.",
+            help="Interface type: me (Model Exchange) or cs (Co-Simulation); may be repeated. "
+            "Default: both.",
         ),
     ] = [],  # noqa: B006
     integrator: Annotated[
         str | None,
-        typer.Option(help=f"Integrator of Co-Simulation: {_EXPLICIT}; {_IMPLICIT} if stiff."),
+        typer.Option(
+            help=f"Integrator of Co-Simulation: {_EXPLICIT}; for stiff systems {_IMPLICIT}."
+        ),
     ] = None,
     outside: Annotated[
         list[str],
         typer.Option(
             "--outside",
             metavar="INPUT",
-            help="Input that the importer sets, by default each one that is constant in the "
-            "scene; may be repeated.",
+            help="Input that the importer sets; may be repeated. Default: all inputs that are "
+            "constant in the scene.",
         ),
     ] = [],  # noqa: B006
     platform: Annotated[
         list[str],
         typer.Option(
             metavar="PLATFORM",
-            help="x86_64-linux, aarch64-linux, x86_64-windows, x86_64-darwin, aarch64-darwin; "
-            "by default this machine; none for sources only; may be repeated.",
+            help="Platform of a library in the FMU: x86_64-linux, aarch64-linux, "
+            "x86_64-windows, x86_64-darwin, aarch64-darwin, or none for sources only; may "
+            "be repeated. Default: this machine.",
         ),
     ] = [],  # noqa: B006
 ) -> None:
@@ -311,7 +340,8 @@ class Commands(TyperGroup):
 app = typer.Typer(
     name="cotree",
     cls=Commands,
-    help="From a linear graph of a dynamic system to compiled C with exact sensitivities.",
+    help="Simulate mechanisms, circuits and processes by generated C code, with exact "
+    "sensitivities.",
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -367,10 +397,10 @@ def _options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
     base: Annotated[
-        str, typer.Option(help="Of a URDF robot: fixed to the ground, or free.")
+        str, typer.Option(help="Base of a URDF robot: fixed (to the ground) or free.")
     ] = "fixed",
     mimic: Annotated[
-        bool, typer.Option(help="Whether its joints that mimic others follow them.")
+        bool, typer.Option(help="Whether mimic joints of a URDF robot follow their leaders.")
     ] = True,
 ) -> None:
     read_robots_with(base, mimic)
@@ -390,23 +420,29 @@ def run_scene(
         list[str],
         typer.Option(
             metavar="NAME",
-            help="What --plot draws: a state, output, input or d(STATE)/d(PARAMETER); may be "
-            "repeated. All coordinates if absent.",
+            help="Quantity that --plot draws: a state, output, input or d(STATE)/d(PARAMETER); "
+            "may be repeated. Default: all coordinates.",
         ),
     ] = [],  # noqa: B006
     animate: Annotated[
         Path | None,
-        typer.Option(help="Show it moving, in this file: .html or .gif; curves of a circuit."),
+        typer.Option(
+            help="Write an animation to this file: .html or .gif. If nothing moves in space, "
+            "write curves instead."
+        ),
     ] = None,
     trust_paths: Annotated[
-        bool, typer.Option("--trust-paths", help="Read meshes outside the robot's folder, too.")
+        bool,
+        typer.Option("--trust-paths", help="Also read mesh files outside the folder of the robot."),
     ] = False,
     points: Annotated[
         int | None,
-        typer.Option(min=2, help="Number of evenly spaced times; the solver's steps if absent."),
+        typer.Option(
+            min=2, help="Number of evenly spaced output times. Default: the steps of the solver."
+        ),
     ] = None,
 ) -> None:
-    """Integrate a scene and print its end state and sensitivities."""
+    """Simulate a scene and print its final state and sensitivities."""
     from cotree.solvers.engine import build_ahead
 
     # Output files are checked before the run, so that no results are lost.
@@ -455,23 +491,24 @@ def generate_project(
     integrator: Annotated[
         str,
         typer.Option(
-            help=f"{_EXPLICIT}; for stiff {_IMPLICIT}; of one step length rk4, euler. "
-            "Several are separated by commas."
+            help=f"Integrator: {_EXPLICIT}; for stiff systems {_IMPLICIT}; with a fixed step "
+            "size rk4, euler. Separate several by commas."
         ),
     ] = "dopri5",
     step: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Length of the steps of rk4 and euler.")
+        float | None, typer.Option(metavar="SECONDS", help="Step size of rk4 and euler, in s.")
     ] = None,
-    real: Annotated[str, typer.Option(help="Type of all numbers, double or float.")] = "double",
+    real: Annotated[str, typer.Option(help="Floating-point type: double or float.")] = "double",
     prefix: Annotated[
-        str, typer.Option(help="What names in C begin with, in place of the scene's name.")
+        str, typer.Option(help="Prefix of all names in C. Default: the name of the scene.")
     ] = "",
-    cpp: Annotated[bool, typer.Option("--cpp", help="A header for C++, too.")] = False,
+    cpp: Annotated[bool, typer.Option("--cpp", help="Also write a header for C++.")] = False,
     single_file: Annotated[
-        bool, typer.Option("--single-file", help="One header and one source.")
+        bool,
+        typer.Option("--single-file", help="Write one header and one source instead of a project."),
     ] = False,
 ) -> None:
-    """Write a C project that integrates a scene without Python."""
+    """Write a C project that simulates a scene without Python."""
     model = read_scene(scene).compile(sensitivity, tree)
     project = model.write(
         output, integrator, step, real=real, prefix=prefix, cpp=cpp, single_file=single_file
@@ -490,9 +527,9 @@ def show_equations(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006
     tree: Any = None,
-    latex: Annotated[bool, typer.Option("--latex", help="As LaTeX.")] = False,
+    latex: Annotated[bool, typer.Option("--latex", help="Print the equations as LaTeX.")] = False,
     steps: Annotated[
-        bool, typer.Option("--steps", help="All steps from the graph to the equations.")
+        bool, typer.Option("--steps", help="Print all steps from the graph to the equations.")
     ] = False,
 ) -> None:
     """Print the governing and sensitivity equations of a scene."""
@@ -516,11 +553,19 @@ def show_graph(
     scene: SceneName,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Draw to this file: .svg, .png, .pdf."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Draw the graphs to this file: .svg, .png or .pdf.",
+        ),
     ] = None,
     tree: Any = None,
 ) -> None:
-    """Print the linear graphs of a scene with tree and matrices, or draw them."""
+    """Print or draw the linear graphs of a scene.
+
+    The text also contains the trees and the matrices of f-cutsets and f-circuits.
+    """
     check_picture(output)
     report = read_scene(scene).graph(tree)
     if output is None:
@@ -537,9 +582,14 @@ app.command("bench")(bench_scene)
 @app.command("save")
 def save_scene(
     scene: SceneName,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="A .toml file.")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="File to write; its name ends in .toml."
+        ),
+    ],
 ) -> None:
-    """Write a scene of any format as TOML."""
+    """Convert a scene of any format to a TOML scene file."""
     write_file(output, read_scene(scene).save)
 
 

@@ -32,20 +32,22 @@ if TYPE_CHECKING:
 
 @with_options(
     max_steps=STEPS_OF_FIT,
-    inputs="In place of an input: a number, or an expression, whose new names are in --set or "
-    "--estimate; a column with its name is it, too; may be repeated.",
+    inputs="Replace an input by a number or an expression; may be repeated. --set or --estimate "
+    "specifies new names in the expression. A data column with the name of an input replaces it, "
+    "too.",
 )
 def fit_scene(
     scene: SceneName,
     more: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME[=RANGE]]...", help="More of what --estimate takes."),
+        typer.Argument(metavar="[NAME[=RANGE]]...", help="Further values of --estimate."),
     ] = None,
     data: Annotated[
         list[Path],
         typer.Option(
             metavar="FILE",
-            help="Measurements in CSV, with a column t or time; one run each; may be repeated.",
+            help="CSV file with the measurements of one experiment and a column t or time; may "
+            "be repeated.",
         ),
     ] = [],  # noqa: B006 - typer copies it
     estimate: Annotated[
@@ -54,61 +56,80 @@ def fit_scene(
             "--estimate",
             "-e",
             metavar="NAME[=RANGE]",
-            help="What is estimated: a parameter, or a state by its initial value; k=10:100:log "
-            "has bounds and a scale, lin, log or log10; k alone lies within a hundredth and a "
-            "hundred times its value in the scene; may be repeated.",
+            help="Parameter to estimate, or state whose initial value to estimate; may be "
+            "repeated. k=10:100:log sets bounds and a scale (lin, log or log10). Default "
+            "bounds: a hundredth and a hundred times the value in the scene.",
         ),
     ] = [],  # noqa: B006
     observe: Annotated[
         list[str],
         typer.Option(
             metavar="COLUMN=EXPRESSION",
-            help="What a column measures, of states and outputs; columns with their names if "
-            "absent; may be repeated.",
+            help="Quantity that a column measures, as an expression of states and outputs; may "
+            "be repeated. Default: the state or output with the name of the column.",
         ),
     ] = [],  # noqa: B006
     noise: Annotated[
         list[str],
         typer.Option(
             metavar="[COLUMN=]VALUE",
-            help="Standard deviation of a column, or of all: a number in its unit, another column, "
-            "or an expression; estimated if absent; may be repeated.",
+            help="Standard deviation of the noise of one column or of all columns: a number in "
+            "the unit of the column, another column, or an expression; may be repeated. "
+            "Default: estimated.",
         ),
     ] = [],  # noqa: B006
     unit: Annotated[
         list[str],
         typer.Option(
             metavar="COLUMN=UNIT",
-            help="Unit of a column that has none in its name, as in 'v [mV]'; may be repeated.",
+            help="Unit of a column whose name contains no unit, such as 'v [mV]'; may be repeated.",
         ),
     ] = [],  # noqa: B006
-    time: Annotated[str | None, typer.Option(metavar="COLUMN", help="The column of times.")] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMN", help="Column that contains the times. Default: t or time."),
+    ] = None,
     start: Annotated[
         list[str],
         typer.Option(
-            metavar="NAME=NUMBER", help="Where estimation begins: the scene's value if absent."
+            metavar="NAME=NUMBER",
+            help="Initial guess; may be repeated. Default: the value in the scene.",
         ),
     ] = [],  # noqa: B006
     per_experiment: Annotated[
         list[str],
-        typer.Option(metavar="NAME", help="It has an estimate for each file; may be repeated."),
+        typer.Option(
+            metavar="NAME",
+            help="Parameter with a separate estimate for each --data file; may be repeated.",
+        ),
     ] = [],  # noqa: B006
     loss: Annotated[
-        str, typer.Option(help="linear, or soft_l1, huber, cauchy, arctan: outliers count less.")
+        str,
+        typer.Option(
+            help="Loss function: linear, or one that reduces the influence of outliers "
+            "(soft_l1, huber, cauchy, arctan)."
+        ),
     ] = "linear",
-    starts: Annotated[int, typer.Option(min=1, help="Number of starts of the optimiser.")] = 20,
-    seed: Annotated[int, typer.Option(metavar="N", help="Of the starts but the first.")] = 0,
+    starts: Annotated[
+        int, typer.Option(min=1, help="Number of starting points of the optimiser.")
+    ] = 20,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the random starting points.")] = 0,
     settings: Any = None,
     plot: Annotated[
         Path | None,
-        typer.Option(help="Draw data, computed curves and residuals: .svg, .png or .pdf."),
+        typer.Option(
+            help="Draw data, fitted curves and residuals to this file: .svg, .png or .pdf."
+        ),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Write the result to this, as JSON."),
+        typer.Option("--output", "-o", metavar="FILE", help="Write the result to this JSON file."),
     ] = None,
 ) -> None:
-    """Estimate parameters of a scene from measurements, with their uncertainty."""
+    """Estimate parameters of a scene from measurements.
+
+    The report also contains their standard errors and confidence intervals.
+    """
     from cotree.estimation.experiment import Experiment
     from cotree.estimation.fit import fit
     from cotree.plot import save_figure
@@ -202,33 +223,46 @@ def optimise_scene(
         str,
         typer.Option(
             metavar="GOAL",
-            help="What to minimise, such as integral(x**2), maximum(P) or end(j.s) + L: a name "
-            "is a value at the end; at(TIME, x), start, mean, minimum and time(EVENT), too.",
+            help="Objective to minimise, such as integral(x**2), maximum(P) or end(j.s) + L. A "
+            "plain name is the value at the end. Also at(TIME, x), start, mean, minimum "
+            "and time(EVENT).",
         ),
     ],
     over: Annotated[
         list[str],
         typer.Option(
             metavar="NAME=LOW:HIGH[:log]",
-            help="A parameter, or a state by its initial value, with bounds; may be repeated.",
+            help="Parameter to vary, or state whose initial value to vary, with bounds; may be "
+            "repeated.",
         ),
     ],
     subject_to: Annotated[
-        list[str], typer.Option(metavar="CONDITION", help="With <=, >= or ==; may be repeated.")
+        list[str],
+        typer.Option(metavar="CONDITION", help="Constraint with <=, >= or ==; may be repeated."),
     ] = [],  # noqa: B006 - typer copies it
     guess: Annotated[
         list[str],
-        typer.Option(metavar="NAME=NUMBER", help="Starting point of the search; may be repeated."),
+        typer.Option(
+            metavar="NAME=NUMBER",
+            help="Initial guess; may be repeated. Default: the value in the scene.",
+        ),
     ] = [],  # noqa: B006
-    starts: Annotated[int, typer.Option(min=1, help="Number of searches.")] = 1,
-    seed: Annotated[int, typer.Option(help="Seed of their random starting points.")] = 0,
-    optimiser: Annotated[str, typer.Option(help="slsqp or trust-constr.")] = "slsqp",
+    starts: Annotated[
+        int, typer.Option(min=1, help="Number of starting points of the search.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the random starting points.")] = 0,
+    optimiser: Annotated[
+        str, typer.Option(help="Method of SciPy: slsqp or trust-constr.")
+    ] = "slsqp",
     t_end: EndTime = None,
     settings: Any = None,
     csv: Csv = None,
     plot: Plot = None,
 ) -> None:
-    """Choose parameters that minimise a goal subject to conditions."""
+    """Minimise an objective subject to constraints.
+
+    The variables are parameters and initial values of a scene.
+    """
     from cotree.design.optimise import optimise
 
     check_folder(csv)

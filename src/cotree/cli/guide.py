@@ -33,10 +33,13 @@ TEMPLATES = {
 def show_components(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME", help="A component or part; all of them if absent."),
+        typer.Argument(metavar="NAME", help="Component or part to describe. Default: list all."),
     ] = None,
 ) -> None:
-    """List the components and parts, or show the nodes and fields of one with an example."""
+    """List components and parts, or describe one.
+
+    A description contains the nodes, the fields and an example.
+    """
     if name is not None:
         typer.echo(_describe(name))
         return
@@ -118,12 +121,12 @@ def new_scene(
         str | None,
         typer.Option(
             metavar="TEMPLATE",
-            help="What to start from: a name that --list prints; mechanism if absent.",
+            help="Template to copy, one of those that --list prints. Default: mechanism.",
         ),
     ] = None,
-    list_: Annotated[bool, typer.Option("--list", help="List what to start from.")] = False,
+    list_: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
-    """Write a scene file to start from."""
+    """Write a copy of a shipped scene as a starting point."""
     from cotree.naming import check_scene_name
     from cotree.scene.toml_file import shipped_parts
 

@@ -132,7 +132,10 @@ _Command = TypeVar("_Command", bound="Callable[..., None]")
 
 SceneName = Annotated[
     str,
-    typer.Argument(metavar="SCENE", help="A shipped scene, or a TOML, URDF, SPICE or SBML file."),
+    typer.Argument(
+        metavar="SCENE",
+        help="Name of a shipped scene, or path of a TOML, URDF, SPICE or SBML file.",
+    ),
 ]
 Sensitivity = Annotated[
     list[str],
@@ -140,7 +143,8 @@ Sensitivity = Annotated[
         "--sensitivity",
         "-s",
         metavar="NAME",
-        help="Parameter, or state whose initial value is meant; may be repeated.",
+        help="Compute sensitivities to this parameter, or to the initial value of this "
+        "state; may be repeated.",
     ),
 ]
 _Tree = Annotated[
@@ -148,14 +152,19 @@ _Tree = Annotated[
     typer.Option(
         "--tree",
         metavar="EDGES",
-        help="Branches, as j1,h2 or once as translation=... and once as rotation=...",
+        help="Branches of the tree, such as j1,h2. For different trees of the two graphs, "
+        "repeat the option: translation=... and rotation=...",
     ),
 ]
 EndTime = Annotated[
-    float | None, typer.Option("--t-end", metavar="S", help="End time in s; the scene's if absent.")
+    float | None,
+    typer.Option("--t-end", metavar="S", help="End time in s. Default: from the scene."),
 ]
-Plot = Annotated[Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")]
-Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to this file.")]
+Plot = Annotated[Path | None, typer.Option(help="Draw curves to this file: .svg, .png or .pdf.")]
+Csv = Annotated[
+    Path | None,
+    typer.Option(help="Write all states, outputs, inputs and sensitivities to this CSV file."),
+]
 
 
 def with_options(*leave: str, **helps: float | str) -> Callable[[_Command], _Command]:
@@ -204,7 +213,7 @@ def _parameter(name: str, row: Row, help_: float | str | None) -> inspect.Parame
         text = help_
     elif help_ is not None:
         value = help_
-        text = text if "{" in text else f"{text.rstrip('.')}: {{:g}} if absent."
+        text = text if "{" in text else f"{text} Default: {{:g}}."
     names = [row.flag] if row.flag else []
     option = typer.Option(*names, metavar=row.metavar, help=text.format(value))
     if name in _READERS:

@@ -149,77 +149,101 @@ def sweep_scene(
         list[str],
         typer.Option(
             metavar="NAME=VALUES",
-            help="An axis of a grid: L=0.8:1.2:11 for 11 values, k=1:1000:7:log, or k=40,50,60; a "
-            "parameter, or a state by its initial value; may be repeated.",
+            help="Axis of a grid, for a parameter or the initial value of a state: L=0.8:1.2:11 "
+            "for 11 values, k=1:1000:7:log for logarithmic spacing, or k=40,50,60; may be "
+            "repeated.",
         ),
     ] = [],  # noqa: B006 - typer copies it
     sample: Annotated[
         list[str],
         typer.Option(
             metavar="NAME=KIND:NUMBERS",
-            help="A distribution: uniform:low:high, loguniform:low:high, triangular:low:mode:high, "
-            "normal:mean:deviation, truncated:mean:deviation:low:high, lognormal:median:factor, or "
-            "relative:share of the scene's value; may be repeated.",
+            help="Distribution from which values are drawn: uniform:low:high, "
+            "loguniform:low:high, triangular:low:mode:high, normal:mean:deviation, "
+            "truncated:mean:deviation:low:high, lognormal:median:factor, or "
+            "relative:fraction of the value in the scene; may be repeated.",
         ),
     ] = [],  # noqa: B006
     members: Annotated[
         str | None,
         typer.Option(
             metavar="N|FILE",
-            help="Number of samples of --sample; or a table in CSV with a column for each name.",
+            help="Number of members that --sample draws, or a CSV file with one row for each "
+            "member and one column for each name.",
         ),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(metavar="N", help="Of --sample: equal seeds draw equal members.")
+        int | None,
+        typer.Option(metavar="N", help="Seed of --sample. Equal seeds draw equal members."),
     ] = None,
     sampling: Annotated[
-        str | None, typer.Option(help="Of --sample: sobol, latin, halton or random.")
+        str | None,
+        typer.Option(help="Sampling method of --sample: sobol, latin, halton or random."),
     ] = None,
     file: Annotated[
         Path | None,
-        typer.Option("--file", "-o", help="Write all results to this: .nc, .zarr or .csv."),
+        typer.Option("--file", "-o", help="Write all results to this file: .nc, .zarr or .csv."),
     ] = None,
     sensitivity: Sensitivity = [],  # noqa: B006
     output: Annotated[
-        list[str], typer.Option(metavar="NAME", help="An output; may be repeated. All if absent.")
+        list[str],
+        typer.Option(
+            metavar="NAME", help="Output to compute; may be repeated. Default: all outputs."
+        ),
     ] = [],  # noqa: B006
     t_end: EndTime = None,
-    points: Annotated[int, typer.Option(min=2, help="Number of evenly spaced times.")] = 101,
+    points: Annotated[int, typer.Option(min=2, help="Number of evenly spaced output times.")] = 101,
     settings: Any = None,
     tree: Any = None,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Threads; as many as processors if absent.")
+        int | None,
+        typer.Option(min=1, help="Number of threads. Default: the number of processors."),
     ] = None,
     lanes: Annotated[
-        int | None, typer.Option(min=1, help="Members side by side in vectors; 1 for none.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="Number of members that are integrated together in vectors; 1 turns this off.",
+        ),
     ] = None,
     store: Annotated[
         Path | None,
-        typer.Option(help="Store results in this folder; an interrupted sweep resumes from it."),
+        typer.Option(
+            help="Save results to this folder during the computation. An interrupted sweep "
+            "resumes from it."
+        ),
     ] = None,
     on_error: Annotated[
         str,
-        typer.Option(metavar="keep|raise", help="What a member that fails does: nan, or the end."),
+        typer.Option(
+            metavar="keep|raise",
+            help="If a member fails: keep the other members (its values are nan), or raise an "
+            "error.",
+        ),
     ] = "keep",
     plot: Annotated[
         Path | None,
         typer.Option(
-            help="Draw to this file, .svg, .png or .pdf: heat maps of a grid of two axes, curves "
-            "of one, bands of all else."
+            help="Draw the results to this file (.svg, .png or .pdf): curves for a grid with "
+            "one axis, heat maps for a grid with two axes, otherwise bands."
         ),
     ] = None,
     show: Annotated[
         list[str],
         typer.Option(
             metavar="NAME",
-            help="What --plot draws: a state, output or d(STATE)/d(PARAMETER); may be repeated.",
+            help="Quantity that --plot draws: a state, output or d(STATE)/d(PARAMETER); may be "
+            "repeated.",
         ),
     ] = [],  # noqa: B006
     of: Annotated[
-        str, typer.Option(help="What heat maps show: last, max, min or mean over time.")
+        str, typer.Option(help="Value over time that heat maps show: last, max, min or mean.")
     ] = "last",
 ) -> None:
-    """Run a scene with many values of its parameters: a grid, samples, or a table."""
+    """Simulate a scene for many parameter sets.
+
+    The parameter sets form a grid, are drawn from distributions or are read from a table.
+    """
     from cotree.ensemble.dataset import check_dataset_file, check_xarray, write_dataset
     from cotree.ensemble.run import MemberError
     from cotree.plot import save_figure

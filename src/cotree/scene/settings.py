@@ -206,19 +206,19 @@ class Settings:
         f"kinks, constraints and algebraic unknowns), {_quoted('sundials')}, and as an extra "
         f"{_quoted('correctors')} (SUNDIALS), or ``auto``; by default the scene's.",
         _method,
-        option=f"{', '.join(METHODS)} or auto.",
+        option=f"Integration method: {', '.join(METHODS)} or auto.",
     )
     rtol: float = _setting(
         1e-8,
         "Relative tolerance; by default the scene's.",
         _rtol,
-        option="Relative tolerance of runs.",
+        option="Relative tolerance.",
     )
     atol: float = _setting(
         1e-10,
         "Absolute tolerance; by default the scene's.",
         _positive,
-        option="Absolute tolerance of runs.",
+        option="Absolute tolerance.",
     )
     parameters: Any = _setting(  # noqa: RUF009 - a field
         None,
@@ -247,8 +247,8 @@ class Settings:
         "such as gains, get their values by ``parameters``; for sensitivities to them compile "
         "``scene.with_inputs(...)``.",
         check_mapping,
-        option="In place of an input: a number, or an expression of t, parameters, states and "
-        "outputs; --set gives values of new names in it; may be repeated.",
+        option="Replace an input by a number or by an expression of t, parameters, states and "
+        "outputs; may be repeated. --set assigns values to new names in the expression.",
         metavar="NAME=VALUE",
         flag="--input",
         in_scenes=False,
@@ -289,21 +289,21 @@ class Settings:
         "Budget of steps; None or infinity for no limit. A run that exceeds a budget stops with "
         "its results so far; the message names a state that grows without bound, if there is one.",
         _count,
-        option="Budget of steps of a run: {} if absent; inf for none.",
+        option="Maximum number of steps of a run, or inf. Default: {}.",
         metavar="N",
     )
     max_events: int | None = _setting(
         MOST_EVENTS,
         "Budget of events; None or infinity for no limit.",
         _count,
-        option="Budget of events: {} if absent; inf for none.",
+        option="Maximum number of events of a run, or inf. Default: {}.",
         metavar="N",
     )
     time_limit: float | None = _setting(
         3600.0,
         "Budget of computing time, [s]; None or infinity for no limit.",
         _seconds,
-        option="Computing time of a run in s: {:g} if absent; inf for none.",
+        option="Maximum computing time of a run in s, or inf. Default: {:g}.",
         metavar="S",
     )
     project: bool = _setting(
