@@ -1,10 +1,10 @@
 """Cache of compiled libraries in a folder of the user; keys depend on all inputs of a library.
 
 Libraries are stored as ``<key>.so``, object files that several libraries link as ``<key>.o``, and C
-text with its program as ``<key>.text``, each with its checksum in ``<key>.sha256``: a file that
-does not match counts as absent. They are published by atomic renaming from a private folder, so
-that readers never find an incomplete file. The lock of a key only saves work: a process that cannot
-acquire it builds the library itself.
+text with its program as ``<key>.text``. A file that does not match its checksum in ``<key>.sha256``
+counts as missing. Files are published by atomic renaming from a private folder, so that readers
+never find an incomplete file. The lock of a key only saves work: a process that cannot acquire it
+builds the library itself.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
 #: Suffixes of the files of cotree on which cached texts depend.
 _SOURCES = {".py", ".jinja", ".c", ".h"}
-# Patterns of file names in the cache; the folder may contain other files, which are not removed.
+# Patterns of file names in the cache; other files in the folder are never removed.
 _KEY = re.compile(r"[0-9a-f]{64}")
 _PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|text|sha256|lock)")
 #: Suffixes of libraries, of object files that several libraries link, and of pickled C texts.
 LIBRARY, OBJECT, TEXT = ".so", ".o", ".text"
 
-#: Whether texts are cached. Tests that change the generator disable it.
+#: Whether texts are cached. Tests that change the generator disable this.
 KEEPS = True
 # Age after which a private folder counts as abandoned, [s]; no build takes this long.
 _ABANDONED_AFTER = 24.0 * 3600.0
@@ -58,13 +58,13 @@ _ABANDONED_AFTER = 24.0 * 3600.0
 def cache_directory() -> Path:
     """Return the absolute path of the cache folder, created with mode 0700 if it does not exist.
 
-    It is ``COTREE_CACHE_DIR`` or, by default, the platform's folder for caches.
+    The folder is ``COTREE_CACHE_DIR`` or, by default, the platform's folder for caches.
 
     Raises
     ------
     BuildError
         If the path is relative or the folder cannot be created. On POSIX also if another user owns
-        it or can write to it, since libraries from it run with the rights of this user.
+        the folder or can write to it, because its libraries run with the rights of this user.
     """
     directory = _configured_directory()
     if not directory.is_absolute():
@@ -95,8 +95,8 @@ def cache_key(
 ) -> str:
     """Return a hash of everything on which a library depends, as 64 hexadecimal digits.
 
-    ``files`` are C texts by name; ``cpu_features`` are those of the processor if the flags select
-    this machine's processor.
+    ``files`` are C texts by name; ``cpu_features`` names the processor's features if the flags
+    select this machine's processor.
 
     >>> from cotree.build import Toolchain, cache_key
     >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
@@ -131,7 +131,7 @@ def find_published(key: str, end: str = LIBRARY) -> Path | None:
 def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
     """Move a file from a private folder into the cache, and return its path."""
     library, checksum = _published_paths(key, end)
-    # The name is unique, since threads publish the objects of a library concurrently.
+    # The name is unique, because threads publish the objects of a library concurrently.
     written = built.with_name(f"{built.name}.checksum")
     written.write_bytes(_digest(built))
     try:
@@ -139,7 +139,7 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
         os.replace(built, library)
         os.replace(written, checksum)
     except PermissionError:
-        # Windows cannot replace a loaded library, which is harmless if it is intact.
+        # Windows cannot replace a loaded library; this is harmless if the library is intact.
         if find_published(key, end) is None:
             raise
     return library
@@ -148,7 +148,7 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
 def cached(of: object, make: Callable[[], _T]) -> _T:
     """Return the result of a function, from the cache if ``of`` and the result can be pickled.
 
-    The result depends only on ``of``, None if that is unknown, and on cotree's files.
+    The result must depend only on ``of`` and on cotree's files. It is not cached if ``of`` is None.
     """
     data = pickled(of) if KEEPS and of is not None else None
     if data is None:
@@ -158,7 +158,7 @@ def cached(of: object, make: Callable[[], _T]) -> _T:
     with contextlib.suppress(BuildError, OSError):
         path = find_published(key, TEXT)
         if path is not None:
-            # Unpickling is safe, since only the user can write to the folder.
+            # Unpickling is safe, because only the user can write to the folder.
             found: _T = pickle.loads(path.read_bytes())
             return found
     made = make()
@@ -183,8 +183,8 @@ def pickled(value: object) -> bytes | None:
 
 @cache
 def _sources() -> bytes:
-    """Return bytes that identify cotree's files, since cached texts depend on these."""
-    # The version of NumPy is included, since another one may not be able to read pickled arrays.
+    """Return bytes that identify cotree's files, on which cached texts depend."""
+    # The version of NumPy is included, because pickled arrays depend on it.
     rows = [sys.version, np.__version__]
     for folder in (Path(__file__).parents[1], template_folder()):
         for path in sorted(path for path in folder.rglob("*.*") if path.suffix in _SOURCES):
@@ -205,9 +205,9 @@ def private_directory() -> Iterator[Path]:
 
 @contextlib.contextmanager
 def building(key: str, time_limit: float) -> Iterator[None]:
-    """Hold the lock of a library while it is searched for again and built.
+    """Hold the lock of a library during the repeated search for it and the build.
 
-    If another process builds it for more than ``time_limit`` seconds, both build it.
+    If another process holds the lock for more than ``time_limit`` seconds, both build the library.
     """
     import filelock
 
@@ -243,8 +243,8 @@ def write_files(files: Mapping[str, str], directory: Path) -> None:
 def clear_cache() -> int:
     """Remove libraries, texts and files of failed or interrupted builds; return their number.
 
-    Other files in the folder remain. Loaded libraries remain usable, and other processes restart
-    builds in progress.
+    All other files in the folder remain. Loaded libraries remain usable, and other processes
+    restart builds in progress.
 
     Raises
     ------
@@ -311,7 +311,7 @@ def _check_private(directory: Path, status: os.stat_result) -> None:
 
 def _published_paths(key: str, end: str) -> tuple[Path, Path]:
     directory = cache_directory()
-    # All systems use the same suffix, since libraries are loaded by their full path.
+    # All systems use the same suffix, because libraries are loaded by their full path.
     return directory / f"{key}{end}", directory / f"{key}.sha256"
 
 

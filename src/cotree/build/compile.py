@@ -1,8 +1,8 @@
 """Compilation of C text to shared libraries, unless they are in the cache, and their loading.
 
-``-ffast-math`` is never used, since it breaks checks for NaN and changes the order of operations.
-``-ffp-contract`` is always set, since its default, which affects the last digits, depends on the
-compiler. Libraries are loaded by cffi in ABI mode, which needs no compiler and no Python headers.
+``-ffast-math`` is never used, because it breaks checks for NaN and changes the order of operations.
+``-ffp-contract`` is always set, because its default depends on the compiler and affects the last
+digits. Libraries are loaded by cffi in ABI mode, which needs no compiler and no Python headers.
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ if TYPE_CHECKING:
 
 
 _LEVELS = ("-O0", "-Og", "-O1", "-O2", "-O3")
-# If the longest function has more operations than this, it is compiled with -O0, since register
+# If the longest function has more operations than this, it is compiled with -O0, because register
 # allocation with -O1 takes minutes.
 _STATEMENT_LIMIT_GCC = 4_000
 _STATEMENT_LIMIT_CLANG = 20_000
-# Number of operations in all functions above which gcc is called with -Og. Straight-line code then
-# compiles twice as fast as with -O1 (panda with 70 parameters: 16e9 instead of 30e9 instructions)
-# and takes 0.9 to 1.2 times as long. With clang, -Og equals -O1.
+# If all functions together have more operations than this, gcc is called with -Og. Straight-line
+# code then compiles twice as fast as with -O1 (panda with 70 parameters: 16e9 instead of 30e9
+# instructions) and takes 0.9 to 1.2 times as long. With clang, -Og equals -O1.
 _LONG_FOR_GCC = 6_000
-# Flags for files with loops over equations. Their number is read through a pointer; only with
-# strict aliasing is it constant in a loop.
+# Flags for files with loops over equations. The number of equations is read through a pointer; only
+# with strict aliasing is it constant in a loop.
 _LOOPS_GCC = (
     "-O1 -fstrict-aliasing -ftree-loop-vectorize -fvect-cost-model=dynamic "
     "-finline-small-functions -ftree-pre -funswitch-loops -ftree-slp-vectorize -fpeel-loops "
@@ -65,7 +65,7 @@ _LOOPS_GCC = (
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """Compiler options for a model; raises BuildError for invalid ones."""
+    """Compiler options for a model; invalid values raise BuildError."""
 
     #: ``'auto'``, or one of ``'-O0'``, ``'-Og'``, ``'-O1'``, ``'-O2'``, ``'-O3'``.
     optimize: str = "auto"
@@ -92,7 +92,7 @@ def compiler_flags(
 ) -> tuple[str, ...]:
     """Return the compiler flags that precede the file names.
 
-    ``'auto'`` depends on the numbers of operations in the longest C function and in total.
+    With ``'auto'``, the level depends on the operations in the longest C function and in total.
     """
     flags = ["-std=c99", _level(toolchain, options, n_operations, n_all)]
     # On Windows, code is always relocatable, and clang rejects the flag.
@@ -100,7 +100,7 @@ def compiler_flags(
         flags.append("-fPIC")
     # Fused operations round once instead of twice, which changes the last digits.
     contract = "fast" if options.native else "off"
-    # If errno is not set, square roots are single instructions.
+    # Square roots that need not set errno are single instructions.
     flags += ["-shared", f"-ffp-contract={contract}", "-fno-math-errno"]
     if toolchain.kind == "zig":
         # By default, Zig adds debug information and traps for signed overflow. Its runtime lacks
@@ -160,8 +160,8 @@ def _processor_flags(toolchain: Toolchain, options: BuildOptions) -> list[str]:
         # By default, only Zig compiles for the host processor.
         return ["-mcpu=baseline"] if toolchain.kind == "zig" else []
     is_x86 = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")
-    # For other processors, -mcpu is the flag that all compilers accept. Packing statements into
-    # vectors adds dependencies: most kernels are faster without it, short ones by up to a third.
+    # For other processors, all compilers accept -mcpu. Packing statements into vectors adds
+    # dependencies: most kernels are faster without it, short ones by up to a third.
     return ["-march=native" if is_x86 else "-mcpu=native", "-fno-tree-slp-vectorize"]
 
 
@@ -205,10 +205,10 @@ def build_library(
     n_operations, n_all : int
         Number of operations in the longest C function, and in all functions.
     levels : mapping of str to str
-        Optimisation levels of individual files, and further flags, separated by blanks.
+        Optimisation levels and additional flags of individual files, separated by blanks.
     shared : collection of str
-        Files with the same text in other libraries, which include only each other. The object files
-        of these ``.c`` files are cached.
+        Files that other libraries contain with the same text, and that include only each other. The
+        object files of these ``.c`` files are cached.
 
     Raises
     ------
@@ -239,7 +239,7 @@ def build_library(
     path = found
     if path is None:
         headers = {name: files[name] for name in shared if name.endswith(".h")}
-        # All steps but the last, which builds the library, build object files.
+        # All steps except the last, which builds the library, build object files.
         steps[:-1] = [
             replace(step, key=key_of({**headers, name: files[name]}, levels.get(name, "")))
             if (name := step.source) in shared
@@ -280,9 +280,9 @@ def _steps(
     compiler: tuple[str, ...], sources: Sequence[str], levels: Mapping[str, str]
 ) -> list[_Step]:
     """Return a command for each file and one that links; a single file needs only one command."""
-    # Libraries are last, since a linker resolves only symbols of preceding files.
+    # Libraries are last, because a linker resolves only symbols of preceding files.
     to = ("-o", _OUTPUT, "-lm")
-    # The level of a file follows the common one, since the last level takes effect.
+    # The level of a file follows the common one, because the last level takes effect.
     own = {source: (*compiler, *levels.get(source, "").split()) for source in sources}
     if len(sources) == 1:
         return [_Step(source, (*command, source, *to)) for source, command in own.items()]
@@ -331,7 +331,7 @@ def _attempt(
             return None
         if _is_full(directory, outcome):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    # The sources are copied for the user, since the private folder is removed.
+    # The sources are copied for the user, because the private folder is removed.
     source = save_failed_sources(files, key) / step.source
     raise BuildError(
         _failure(outcome, source, time_limit),
@@ -369,12 +369,12 @@ def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_S
                 return Outcome(0, "")
         outcome = run_limited(step.command, directory, time_limit, owner)
         if step.key and outcome.status == 0 and made.exists():
-            # One copy is linked, the other one is published in the cache.
+            # One copy is linked, and the other copy is published in the cache.
             copy = shutil.copyfile(made, directory / f"{step.source}.kept.o")
             publish(copy, step.key, OBJECT)
         return outcome
 
-    # Threads suffice, since each only waits for a process. The first failure is reported.
+    # Threads suffice, because each only waits for a process. The first failure is reported.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for step, outcome in zip(first, pool.map(run, first), strict=True):
             if outcome.status != 0:
@@ -408,9 +408,9 @@ def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
     """Load a shared library, once in a process for each path and set of declarations.
 
     The declarations must not contain preprocessor lines; a damaged file may crash the process.
-    Raises BuildError if the system cannot load the file, or the declared names are missing.
+    Raise BuildError if the system cannot load the file, or if all declared names are missing.
     """
-    # The path is absolute, since the system would search its own folders for a bare name.
+    # The path is absolute, because the system would search its own folders for a bare name.
     return _load(os.path.abspath(path), cdef)
 
 
@@ -418,7 +418,7 @@ def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
 def _load(path: str, cdef: str) -> LoadedLibrary:
     import cffi
 
-    # Each library has its own types, so that equal names in two libraries do not conflict.
+    # Each library has separate types, so that equal names in two libraries do not conflict.
     ffi = cffi.FFI()
     ffi.cdef(cdef)
     try:
@@ -430,7 +430,7 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
             "architecture."
         ) from error
     # Names are resolved at first use, when a wrong library would cause an obscure error. An engine
-    # declares functions of other libraries, too, so only a library without any name is wrong.
+    # also declares functions of other libraries: only a library without any name is wrong.
     names = [name for name in dir(lib) if not hasattr(lib, name)]
     if names and len(names) == len(dir(lib)):
         raise BuildError(
@@ -445,7 +445,7 @@ def obtain_library(
 ) -> tuple[BuiltLibrary, LoadedLibrary]:
     """Find or build a library and load it; see :func:`build_library` for ``options``.
 
-    It is built again if another process removes it by ``clear_cache()`` before it is loaded.
+    The library is built again if another process calls ``clear_cache()`` before it is loaded.
     """
     for attempt in range(1, ATTEMPTS + 1):
         built = build_library(files, **options)

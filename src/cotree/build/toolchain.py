@@ -36,7 +36,7 @@ _LAST_WORDS = 2.0
 
 
 # Threads of the running commands, and threads whose results are no longer needed. Threads are
-# identified by their objects, since systems reuse thread numbers.
+# identified by their objects, because systems reuse thread numbers.
 _running: dict[subprocess.Popen[bytes], threading.Thread] = {}
 _abandoned: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 
@@ -58,16 +58,16 @@ def run_limited(
 ) -> Outcome:
     """Run a command for at most ``time_limit`` seconds, without input.
 
-    ``directory`` is its current directory, also for temporary files. The whole process group is
-    killed after the time limit or if the caller is interrupted. Raises OSError if the command
-    cannot be started, and BuildError if the ``owner``, by default the calling thread, has been
-    abandoned.
+    ``directory`` is the current directory of the command, also for its temporary files. The whole
+    process group is killed after the time limit or if the caller is interrupted. Raise OSError if
+    the command cannot be started, and BuildError if the thread ``owner``, by default the calling
+    thread, has been abandoned.
     """
     folder, owner = str(directory), owner or threading.current_thread()
     process = subprocess.Popen(
         _with_memory_limit(command),
         cwd=folder,
-        # The locale is English, since messages are searched for English words.
+        # The locale is English, because messages are searched for English words.
         env={**os.environ, "LC_ALL": "C", "TMPDIR": folder, "TMP": folder, "TEMP": folder},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -116,7 +116,7 @@ def _check_wanted(thread: threading.Thread) -> None:
 def _with_memory_limit(command: Sequence[str]) -> list[str]:
     """Return a shell command that sets the memory limit and then runs the command.
 
-    A preexec_fn would be unsafe in a process with threads, which NumPy's libraries start.
+    A ``preexec_fn`` would be unsafe, because NumPy's libraries start threads in this process.
     """
     if sys.platform == "win32":
         return list(command)
@@ -128,8 +128,8 @@ def _kill_group(process: subprocess.Popen[bytes]) -> None:
     if sys.platform == "win32":
         process.kill()
         return
-    # The leader's number identifies the group until the leader is waited for. poll() is therefore
-    # not called, since it would reap the leader while other processes are still running.
+    # The number of the first process identifies the group until poll() or wait() reaps it. Thus
+    # poll() is not called while other processes of the group may be running.
     if process.returncode is None:
         os.killpg(process.pid, signal.SIGKILL)
 
@@ -157,7 +157,7 @@ class Toolchain:
 def find_toolchain() -> Toolchain | None:
     """Find a C compiler; return None if there is none, or ``COTREE_COMPILER`` is ``none``.
 
-    The environment is read at each call. Raises BuildError if ``CC`` is not a usable compiler, or
+    The environment is read at each call. Raise BuildError if ``CC`` is not a usable compiler, or if
     ``COTREE_COMPILER`` has another value than ``none``.
     """
     switch = os.environ.get("COTREE_COMPILER", "").strip()
@@ -212,9 +212,9 @@ def _candidate_commands() -> Iterator[tuple[str, ...]]:
 
 
 def _find_program(name: str) -> str | None:
-    """Return the absolute path of a program, which must not be found by a relative entry of PATH.
+    """Return the absolute path of a program; relative entries of PATH are ignored.
 
-    Programs in the current directory are only run if their path is given.
+    Programs in the current directory are run only if ``name`` is a path.
     """
     if os.path.dirname(name):
         return shutil.which(os.path.abspath(name))
@@ -235,7 +235,7 @@ def _toolchain(command: tuple[str, ...]) -> Toolchain:
     return Toolchain(command, version, "zig" if is_zig else "cc")
 
 
-# Other failures raise an error and are not cached, so a compiler that is installed later is found.
+# All other failures raise an error and are not cached: a compiler installed later is found.
 @functools.cache
 def _answer(command: tuple[str, ...]) -> str | None:
     """Return the version text of a compiler, or None if it does not respond in time."""

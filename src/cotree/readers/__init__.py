@@ -38,7 +38,7 @@ def _has_ending(source: str | Path, *endings: str) -> bool:
 
 
 def _begins_with(source: str | Path, tag: str) -> bool:
-    """Return whether an XML file's outermost element has a tag; False if the file is unreadable."""
+    """Return whether the outermost element of an XML file has a tag; False if it is unreadable."""
     if not _has_ending(source, ".xml"):
         return False
     try:

@@ -1,7 +1,7 @@
 """Conversion of other tools' formulas to expressions of scenes.
 
-A reader converts its tokens to those of Python, which parses the text but never evaluates it. Then
-names, conditions, powers and functions in the syntax tree are replaced.
+A reader converts the tokens of a formula to Python tokens. Python parses this text but never
+evaluates it. Then names, conditions, powers and functions in the syntax tree are replaced.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FORMS = {
     **{"sec": "1/cos(a)", "csc": "1/sin(a)", "cot": "1/tan(a)"},
     **{"sech": "1/cosh(a)", "csch": "1/sinh(a)", "coth": "1/tanh(a)"},
     **{"arcsec": "acos(1/a)", "arccsc": "asin(1/a)", "arccot": "atan(1/a)"},
-    # The sum in the logarithm must not cancel.
+    # The two terms in the logarithm have equal signs, so they do not cancel.
     "arcsinh": "where(a < 0, -1, 1)*log(where(a < 0, -1, 1)*a + sqrt(a*a + 1))",
     "arccosh": "log(a + sqrt(a*a - 1))",
     "arctanh": "log((1 + a)/(1 - a))/2",
@@ -78,7 +78,7 @@ def is_condition(tree: ast.expr) -> bool:
 
 
 class Rewriter(ast.NodeTransformer):
-    """Rewrites a formula's tree; ``functions`` are functions of scenes or keys of :data:`FORMS`."""
+    """Rewriter of a formula's tree; ``functions`` are those of scenes or keys of :data:`FORMS`."""
 
     #: Functions that :meth:`own_call` rewrites, with their numbers of arguments.
     own: ClassVar[Mapping[str, int]] = {}
@@ -117,7 +117,7 @@ class Rewriter(ast.NodeTransformer):
         return ast.BinOp(self.value(node.left), node.op, self.value(node.right))
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        """Rewrite a sign or a negation, which readers write as ``~``."""
+        """Rewrite a sign or a negation; readers write a negation as ``~``."""
         if isinstance(node.op, ast.Invert):
             return ast.UnaryOp(ast.Not(), self.condition(node.operand))
         return ast.UnaryOp(node.op, self.value(node.operand))
@@ -167,7 +167,7 @@ class Rewriter(ast.NodeTransformer):
         if form is None:
             return ast.Call(ast.Name(name), args, [])
         tree = fill(form, *args)
-        # Calls that repeat their arguments grow exponentially if nested.
+        # Functions that repeat their arguments make nested calls grow exponentially.
         if len(uses) > count and len(ast.unparse(tree)) > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters as an expression")
         return tree

@@ -21,7 +21,7 @@ _LONGEST = 48  # maximum length of a name, which leaves space for suffixes withi
 
 @dataclass
 class Namer:
-    """Assigns unique names in the scene to elements of a file."""
+    """Generator of unique names in the scene for elements of a file."""
 
     #: Names in the scene that differ from those in the file, by kind and original name.
     changed: dict[tuple[str, str], str] = field(default_factory=dict)
@@ -45,7 +45,7 @@ class Namer:
             safe = f"{safe}_"
         found = safe
         while found in self._taken:
-            # The count is stored, since a file may contain 100,000 equal names.
+            # The count is stored, because a file may contain 100,000 equal names.
             self._alike[safe] = self._alike.get(safe, 1) + 1
             found = f"{safe}_{self._alike[safe]}"
         self._taken.add(found)
@@ -85,7 +85,7 @@ class SourceLine:
 
 @contextmanager
 def located(at: SourceLine) -> Iterator[None]:
-    """Prepend file and line to messages of scene errors, unless they already do."""
+    """Prepend file and line to the messages of errors, unless a message contains the file."""
     try:
         yield
     except ModelError as error:

@@ -1,6 +1,6 @@
 """Parsing of XML to a tree with line numbers (Expat), for untrusted files.
 
-Document type declarations, which define entities, are rejected; sizes are limited.
+Document type declarations, which define entities, are rejected; depths and sizes are limited.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Element:
 
 class _Builder:
     def __init__(self, where: str, deepest: int, most: int) -> None:
-        # The text is already decoded, so that the encoding in its first line is ignored.
+        # The text is already decoded, so the encoding in its first line is ignored.
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
-        # Without document types there are no entities, which might access other files.
+        # Without document types, a file cannot define entities, which might access other files.
         self.parser.StartDoctypeDeclHandler = self.refuse_doctype
         self.file = where
         self.root: Element | None = None

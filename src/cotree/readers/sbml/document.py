@@ -41,7 +41,7 @@ class Quantity:
     is_amount: bool = False
     gives_amount: bool = False  # for a species: whether ``value`` is an amount
     is_boundary: bool = False  # for a species: whether reactions leave it unchanged
-    #: For a species: parameter that converts extents of reactions to amounts; else empty.
+    #: For a species: parameter that converts extents of reactions to amounts; otherwise empty.
     conversion: str = ""
 
     @property
@@ -112,7 +112,7 @@ _DECLARATION, _UTF_8 = re.compile(r"\A\s*<\?xml[^>]*\?>"), '<?xml version="1.0" 
 
 def read_document(text: str, where: str) -> SbmlContent:
     """Read the model in the text of an SBML file."""
-    # First reject document types, whose entities libsbml would resolve.
+    # Document types are rejected first, because libsbml would resolve their entities.
     root = parse_xml(text, where, deepest=_DEEPEST, most=_MOST_ELEMENTS)
     if root.tag.rpartition(":")[2] != "sbml":
         raise root.at.error(f"not SBML: its outermost element is <{brief(root.tag)}>, not <sbml>")
@@ -128,7 +128,7 @@ def read_document(text: str, where: str) -> SbmlContent:
         import libsbml
     except ImportError:
         raise Error("reading SBML needs python-libsbml: run `pip install cotree[sbml]`") from None
-    # The text is already decoded, so that the encoding in its first line is ignored.
+    # The text is already decoded, so the encoding in its first line is replaced.
     document = libsbml.readSBMLFromString(_DECLARATION.sub(_UTF_8, text, count=1))
     return _Reader(document, where, libsbml).read()
 
@@ -199,7 +199,7 @@ class _Reader:
                 f"species '{brief(s.getId())}' is in '{brief(s.getCompartment())}', which is not "
                 "a compartment"
             )
-        # In a compartment without dimensions there are no concentrations.
+        # A compartment without dimensions has no concentrations.
         is_point = place.isSetSpatialDimensions() and place.getSpatialDimensions() == 0
         is_amount = s.getHasOnlySubstanceUnits() or is_point
         conversion = s.getConversionFactor() or self.model.getConversionFactor()
@@ -323,7 +323,7 @@ class _Reader:
 
     def _priority(self, e: Any, whose: str) -> float:
         priority = e.getPriority()
-        # The priority of an event has no effect if it is the only one.
+        # The priority of an event has no effect if it is the only event.
         if priority is None or not priority.isSetMath() or self.model.getNumEvents() == 1:
             return 0.0
         value = _number_of(priority)

@@ -1,8 +1,8 @@
 """Events of an SBML model: triggers, assignments and simultaneous events.
 
 In SBML, assigned values are evaluated when the trigger of an event becomes true, before any other
-event acts (Level 3, section 4.11). In a scene, each event acts on the values that the previous one
-has set. Events with the same trigger therefore become one event of the scene.
+event acts (Level 3, section 4.11). In a scene, each event acts on the values that the previous
+event has set. Events with the same trigger therefore become one event of the scene.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Triggered:
 
 
 class Dependencies:
-    """Determines what formulas depend on, also through rules, reaction rates and compartments."""
+    """Dependencies of formulas, also through rules, reaction rates and compartments."""
 
     def __init__(self, content: SbmlContent) -> None:
         self._content = content
@@ -68,7 +68,7 @@ class Dependencies:
 def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
     """Sort events by priority, else as in the file, and group those that become a single event.
 
-    Raises an error if effects of events with the same trigger on each other are unsupported.
+    Raise an error if events with the same trigger affect each other in an unsupported manner.
     """
     ordered = sorted(rows, key=lambda row: -row.event.priority)
     by_crossing: dict[tuple[str, int], list[Triggered]] = {}
@@ -189,7 +189,7 @@ def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> f
 def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
     """Raise an error for an event that a run would handle incorrectly at the start."""
     value, is_known = _at_start(scene, event, begin)
-    # An event at zero occurs at the start if it rises, which is known only for times.
+    # An event function that is zero at the start fires if it rises; this is known only for times.
     is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
     is_early = value == 0.0 and begin.holds_at_zero
     if is_early if event.is_initially_true else is_late:
@@ -204,7 +204,7 @@ def _at_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> tup
     """Return a trigger's value at the start, and whether it contains no parameters."""
     rows = dict(scene.parameters)
     with located(event.trigger.at):
-        # The description contains spaces, so that it differs from all names in the scene.
+        # The description contains spaces, so it differs from all names in the scene.
         row = make_parameter(event.trigger.what, begin.text, "", "", True)
         rows[row.name] = row
         value = parameter_values(rows)[row.name]
@@ -219,7 +219,7 @@ def assigned_values(
 ) -> dict[str, str]:
     """Return the expressions that events with one trigger assign to states and modes, by name.
 
-    A concentration is set through its amount, for the compartment size before the event; changes
+    A concentration is set through its amount, with the compartment size before the event; changes
     of size conserve amounts (SBML test suite, case 01779).
     """
     found: dict[str, str] = {}
@@ -232,7 +232,7 @@ def assigned_values(
                 text = f"({text})*({sizes.get(place, names[place])})"
             found[state] = text
         for id, quantity in content.quantities.items():
-            # For a rate rule the state is the concentration.
+            # For a rate rule, the state is the concentration.
             is_kept = roles.of[id] is Role.RATE and not quantity.is_amount
             if is_kept and (place := quantity.compartment) in texts:
                 state, old = f"{names[id]}.c", sizes.get(place, names[place])

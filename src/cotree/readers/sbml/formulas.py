@@ -1,7 +1,7 @@
 """Translation of MathML in SBML, as libsbml's syntax trees, to expressions of scenes.
 
-Functions of the model are expanded at each call. A part that is too long for one expression
-becomes a separate quantity of the scene. docs/sbml.md lists the supported operations.
+Functions of the model are expanded at each call. If an expression would become too long, a part of
+it becomes a separate quantity of the scene. docs/sbml.md lists the supported operations.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 
-#: Largest number of nodes and of levels of a subtree that does not become a separate expression. An
+#: Maximum number of nodes and of levels of a subtree that does not become a separate quantity. An
 #: expression of a scene has at most 4000 characters and 100 levels, and a node may be a name of 60
 #: letters.
 _LARGEST, _HIGHEST = 50, 30
@@ -58,9 +58,9 @@ def name(identifier: str) -> Term:
 
 @dataclass
 class TermMaker:
-    """Combines terms, and makes parts that are too large separate quantities."""
+    """Combination of terms; parts that are too large become separate quantities."""
 
-    #: Declares a quantity from its expression and the beginning of its name; returns its name.
+    #: Function that declares a quantity from its expression and name prefix; returns its name.
     cut: Callable[[str, str], str]
 
     def form(self, form: str, *terms: Term) -> Term:
@@ -114,7 +114,7 @@ def children(node: Any) -> list[Any]:
 
 
 _DEEPEST = 200  # maximum depth of a formula after expansion of the model's functions
-# Most nodes of one formula and of all; expansion of nested calls may grow exponentially.
+# Maximum number of nodes of one formula and of all: expanded calls may grow exponentially.
 _MOST, _MOST_OF_ALL = 20_000, 2_000_000
 _AVOGADRO = 6.02214179e23  # Avogadro constant of SBML Level 3, [1/mol]
 
@@ -128,7 +128,7 @@ _LOGICAL = {
     ("XOR", 2): "a and not b or not a and b",
 }
 
-#: Other operations, by libsbml's name of the node and number of arguments.
+#: Functions with the same name in scenes, and all operations by name and number of arguments.
 _SAME = ("ABS", "COS", "COSH", "EXP", "FLOOR", "SIN", "SINH", "TAN", "TANH")
 _FORMS = {
     **{(name, 1): f"{name.lower()}(a)" for name in _SAME},
@@ -157,12 +157,12 @@ _REFUSED = {
 
 @dataclass
 class FormulaReader:
-    """Translates formulas of a model to terms."""
+    """Translator of formulas of a model to terms."""
 
     functions: Mapping[str, Any]  # syntax trees of the model's functions, by identifier
     symbol: Callable[[str], Term]  # returns the term for an identifier
     time: Term  # term for the time: ``t``, or zero at the start
-    make: TermMaker  # builds terms
+    make: TermMaker  # combines terms
     #: Function that returns the term for the rate of change of a quantity, given a reader.
     rate: Callable[[str, FormulaReader], Term]
     _bound: Mapping[str, Term] = field(default_factory=dict)

@@ -41,7 +41,7 @@ def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
             found.update(rate_name(child.getName() or "") for child in children(own))
         elif kind == "FUNCTION" and own.getName() in functions and own.getName() not in seen:
             seen.add(own.getName())
-            # A function depends only on its arguments, nodes of the call, and the time.
+            # A function depends only on its arguments (nodes of the call) and on the time.
             body = children(functions[own.getName()])[-1]
             found |= {TIME} & names_of(body, {k: v for k, v in functions.items() if k not in seen})
         waiting += children(own)
@@ -125,7 +125,7 @@ def roles_of(content: SbmlContent) -> Roles:
         else:
             found[id] = Role.MODE if id in set_by_events else Role.FIXED
     order = _order(uses | rate_dependencies(content), content)
-    # A rule of constants defines a constant: states in such a compartment need not be amounts.
+    # A rule of constants defines a constant; states in a constant compartment need not be amounts.
     for id in order:
         if id in content.assignments and all(found.get(n) is Role.FIXED for n in uses[id]):
             found[id] = Role.FIXED
@@ -178,7 +178,7 @@ def _order(uses: dict[str, frozenset[str]], content: SbmlContent) -> list[str]:
 
 
 def _check(content: SbmlContent) -> None:
-    """Raise an error for quantities that both rules and reactions determine, or unknown ones."""
+    """Raise an error if both rules and reactions determine a quantity, or if it is unknown."""
     changed = {part.species for reaction in content.reactions for part in reaction.parts}
     tables = (content.assignments, content.rates, content.initials)
     targets = [(id, formula) for table in tables for id, formula in table.items()]
@@ -208,7 +208,7 @@ def _check(content: SbmlContent) -> None:
 
 
 class Rates:
-    """Builds terms for rates of change; ``declare`` adds an expression and returns its name."""
+    """Terms for rates of change; ``declare`` adds an expression and returns its name."""
 
     def __init__(
         self, content: SbmlContent, roles: Roles, declare: Callable[[str, str], str]
@@ -227,7 +227,7 @@ class Rates:
                 term = self._formed(id, reader)
             finally:
                 self._open.pop()
-            # Several formulas may use the rate: declare a quantity for a longer expression.
+            # Several formulas may use the rate, so a longer expression becomes a quantity.
             is_short = term.size == 1
             self._found[id] = term if is_short else name(self._declare(term.text, f"rate_of_{id}"))
         return self._found[id]

@@ -1,7 +1,7 @@
 """Conversion of SBML models to scenes.
 
-A species becomes an edge. A reaction becomes an output for its rate, and a molar flow for each
-species that it changes. Rules become outputs and states. See docs/sbml.md.
+A species becomes an edge. A reaction becomes an output for its rate, and a molar flow source for
+each species that it changes. Rules become outputs and states. See docs/sbml.md.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ class SbmlSymbol:
     """Representation of a quantity of an SBML model in a scene."""
 
     kind: str  # kind of the quantity, such as ``compartment``, ``species`` or ``parameter``
-    #: Parameter, mode or output of the scene for the quantity, with the meaning that it has in the
-    #: model's formulas: the value of a species is an amount or a concentration.
+    #: Parameter, mode or output of the scene for the quantity. Its value has the meaning of the
+    #: identifier in formulas: for a species, an amount or a concentration.
     name: str
     state: str = ""  # state, such as ``A.c``, or mode of the quantity; empty if there is none
     #: Factor from value to state in compartments of variable size, where states are amounts, or "".
     factor: str = ""
     #: Parameter for the initial value in the unit of ``name``, which may be derived from other
-    #: parameters. For a constant it is the parameter itself. Empty for reactions and for quantities
-    #: with an assignment rule.
+    #: parameters. For a constant, it is the parameter of the constant. Empty for reactions and for
+    #: quantities with an assignment rule.
     initial: str = ""
 
 
@@ -71,12 +71,12 @@ class SbmlModel(Generic[_Scene]):
     symbols: Mapping[str, SbmlSymbol]  # representation of quantities by identifier
     #: Scene parameters that represent local parameters, by reaction and identifier.
     local: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    #: Quantities without a value in the model, for which the caller has given one.
+    #: Quantities without a value in the model, for which the caller has given a value.
     assumed: frozenset[str] = frozenset()
 
 
 class SceneWriter(Generic[_Scene]):
-    """Builds the scene of an SBML model; ``values`` replace values that the file lacks."""
+    """Builder of the scene of an SBML model; ``values`` replace values that the file lacks."""
 
     def __init__(
         self, scene_type: type[_Scene], content: SbmlContent, file: str, values: Mapping[str, float]
@@ -116,7 +116,7 @@ class SceneWriter(Generic[_Scene]):
         for id in self.content.rates:
             self._rate(id)
         checks = self._events()
-        # Initial values are declared when needed, and may need further ones.
+        # Initial values are declared when needed, and may need further initial values.
         while self.waiting:
             self._start_of(self.waiting.pop())
         for check in checks:
@@ -281,7 +281,7 @@ class SceneWriter(Generic[_Scene]):
                 continue
             count = self._stoichiometry(part.stoichiometry)
             if isinstance(count, float):
-                # For a species that is both reactant and product, the flow is the difference.
+                # If a species is both reactant and product, its flow is the difference.
                 numbers[part.species] = numbers.get(part.species, 0.0) + part.sign * count
             else:
                 factor = count if count.isidentifier() else f"({count})"
@@ -320,7 +320,7 @@ class SceneWriter(Generic[_Scene]):
     # Events.
 
     def _events(self) -> list[Callable[[], None]]:
-        """Declare all events, and return checks to be called when all parameters are declared."""
+        """Declare all events; return checks to be called when all parameters are declared."""
         dependencies = Dependencies(self.content)
         check_sizes(self.content, self.roles, dependencies)
         groups = groups_of([self._triggered(e) for e in self.content.events], dependencies)

@@ -42,7 +42,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
         raise line.at.error(
             f"POLY needs the number of its arguments in parentheses, 1 to {_MOST_ARGUMENTS}"
         )
-    # Two nodes specify a controlling voltage, and the name of a source a controlling current.
+    # Each argument is a voltage between two nodes, or the current of a named source.
     each = 2 if letter in "eg" else 1
     names, words = rest[1 : 1 + each * n], rest[1 + each * n :]
     if not 1 <= len(words) <= _MOST_COEFFICIENTS:
@@ -63,7 +63,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
     coefficients: list[Value] = []
     for i, word in enumerate(words):
         value = place.scope.value(word, line.at)
-        # A zero coefficient has no term, so that it does not become a parameter.
+        # A zero coefficient adds no term, so it does not become a parameter.
         if not is_zero(value):
             label = place.label(f"{line.words[0]}_p{i}")
             value = place.sheet.own_parameter(label, value, line.at)
@@ -167,7 +167,7 @@ def add_law(place: Instance, line: Line) -> None:
 
 
 def add_switch(place: Instance, line: Line) -> None:
-    """Add a resistance switched by a voltage (S) or current (W), with hysteresis by ``NAME_on``."""
+    """Add a resistance switched by a voltage (S) or current (W); ``NAME_on`` has hysteresis."""
     letter = line.key[0]
     words = line.words[1:]
     is_on = words[-1:] and words[-1].lower() == "on"
@@ -228,7 +228,7 @@ def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
                 f"{line.name} couples '{brief(name)}', which is not an inductor of this circuit"
                 f"{nearest(name, inductors)}"
             )
-    # Groups to which the inductors already belong are merged, since coupling is transitive.
+    # Coupling is transitive, so groups that contain one of the inductors are merged.
     whole = Coupled()
     for name in names:
         old = place.coupled.get(name, Coupled({name: inductors[name]}))
@@ -252,17 +252,17 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
 def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
     """Return the sign of each winding relative to the first; None without complete couplings.
 
-    A complete coupling is 1 or -1. Raises an error if only some are complete or signs conflict.
+    A complete coupling is 1 or -1. Raise an error if only some are complete or signs conflict.
     """
     values = {
         pair: (place.scope.value(line.words[-1], line.at), line)
         for pair, line in coupled.couplings.items()
     }
-    # Only a coupling that is given as a number can be complete, since parameters may change.
+    # Only a number can be a complete coupling, because runs may change parameters.
     complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
     if not complete:
         return None
-    # The first winding defines the flux direction. A sign of zero means incomplete coupling.
+    # The first winding defines the flux direction. The sign zero means incomplete coupling.
     first, *others = coupled.inductors
     signs = {first: 1.0} | {name: complete.get(frozenset((first, name)), 0.0) for name in others}
     # If all windings share one flux, the coupling of two windings is the product of their signs.
@@ -281,7 +281,7 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
 def coupled_fields(
     place: Instance, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
 ) -> dict[str, Any]:
-    """Return the fields of coupled inductors, given the nodes and the inductance of each, [H]."""
+    """Return the fields of coupled inductors, given the nodes and inductance, [H], of each."""
     fields: dict[str, Any] = {}
     number = {name: i for i, name in enumerate(coupled.inductors, 1)}
     for name, (nodes, inductance) in windings.items():
@@ -303,7 +303,7 @@ _DEFAULT_SIZE = 1e-4  # default channel length and width in ngspice, [m]
 
 
 def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Split a line into words, as many as ``counts`` permits, and ``name = value`` settings."""
+    """Split a line into words, as many as ``counts`` permits, and settings ``name = value``."""
     words, rest = split_settings(line.words[1:])
     given = settings(_without_second(rest), line.at)
     for name in given:
@@ -340,7 +340,7 @@ _ONE_PORTS = {
 def _valued(
     place: Instance, line: Line, known: set[str]
 ) -> tuple[tuple[str, ...], dict[str, str], Value]:
-    """Return an element's words, settings and value, a word or ``R=``, ``C=``, ``L=``."""
+    """Return words, settings and value of an element; the value is a word or a setting ``R=``."""
     key = line.key[0]
     words, given = _parts(line, {key, *known}, range(2, 4))
     # Exactly one of the two forms of the value is required.
@@ -396,7 +396,7 @@ def _initial_value(
 
 def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
     """Return the voltage between two nodes according to ``.ic``, by default zero."""
-    # Nodes in ``.ic`` belong to the outermost circuit.
+    # Nodes in ``.ic`` belong to the main circuit.
     known = {place.sheet.node("", name): v for name, v in place.sheet.voltages.items()}
     first, second = (known.get(place.node(word), 0.0) for word in (plus, minus))
     if is_zero(second):
@@ -425,7 +425,7 @@ def _coupling(place: Instance, line: Line) -> None:
         start = _initial_value(place, inductor, words, given)
         if start:
             initial[name] = start
-    # With complete coupling the inductance matrix would be singular.
+    # With complete coupling, the inductance matrix would be singular.
     signs = complete_signs(place, coupled)
     if signs is not None:
         _one_flux(place, coupled, windings, initial, signs)
@@ -445,7 +445,7 @@ def _one_flux(
 ) -> None:
     """Add windings that share one flux: the first as an inductor, the others as ideal transformers.
 
-    The inductor carries the magnetising current: the sum of all, weighted by sqrt(inductance).
+    The inductor carries the magnetising current: all currents, weighted by sqrt(inductance).
     """
     (first, (nodes, own)), *others = windings.items()
     start = [text_of(initial[first]["i"])] if first in initial else []
@@ -528,7 +528,7 @@ def _by_current(place: Instance, line: Line) -> None:
 
 
 def _area(place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
-    """Return the area factor of a device; ignore ``off``, a guess for the operating point."""
+    """Return the area factor of a device; ``off``, a guess for the operating point, is ignored."""
     rest = [word for word in words if word.lower() != "off"]
     if len(rest) > 1 or (rest and "area" in given):
         raise line.at.error(f"'{brief(rest[-1])}' is one word too many")
@@ -565,7 +565,7 @@ def _bipolar(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:3]]
     substrate = place.node(words[3] if at == 4 else "0")
-    # Without these fields no current flows into the substrate.
+    # Without these fields, no current flows into the substrate.
     if {"leakage", "substrate_capacitance"} & fields.keys():
         nodes.append(substrate)
     place.add(line.words[0], model.component, nodes, fields)

@@ -93,7 +93,7 @@ _FIELD_EFFECT = {
     "ld": ModelParameter(0.0, "", "", "m"),
     "level": ModelParameter(1.0, ""),
 }
-#: Junction field-effect transistors: the same channel, and diodes between gate and ends.
+#: Junction field-effect transistors: the same channel, and diodes from gate to drain and source.
 _JUNCTION_GATE = {
     "vto": ModelParameter(-2.0, "", "", "V"),
     "beta": ModelParameter(1e-4, "", "", "A/V^2"),
@@ -145,7 +145,7 @@ TYPES = {
 class DeviceModel:
     """A device model with its parameter values."""
 
-    letter: str  # letter of the elements that may use it
+    letter: str  # letter of the elements that may use the model
     component: str  # component type of its elements
     values: Mapping[str, Value]  # parameter values by name
 
@@ -184,7 +184,7 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
     fields: dict[str, Value] = {}
     for name, row in _TABLES[model.letter].items():
         value = model.values[name]
-        # With default zero, zero means no resistance or charge, or an infinite voltage or current.
+        # If the default is zero, it means no resistance or charge, or infinite voltage or current.
         if row.field and not (is_zero(value) and row.default == 0.0):
             fields[row.field] = scaled(value, area, row.area) if row.area else value
     ideality = model.values.get("n", 1.0)
@@ -198,7 +198,7 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
 
 
 def side_fields(model: DeviceModel, side: str, gmin: Value, count: Value = 1.0) -> dict[str, Value]:
-    """Return the fields of the diode at a channel end; ``side`` is its capacitance, as ``cbd``."""
+    """Return the fields of the diode at a channel end; ``side`` names its capacitance: ``cbd``."""
     v = model.values
     fields: dict[str, Value] = {
         "saturation_current": scaled(v["is"], count),
@@ -228,7 +228,7 @@ def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str,
 def gated_fields(model: DeviceModel, area: Value) -> dict[str, Value]:
     """Return the fields for the channel of a junction field-effect transistor."""
     v = model.values
-    # In the model, the threshold is relative to the polarity; in the component, it is not.
+    # The sign of the threshold depends on the polarity in the model, but not in the component.
     sign = 1.0 if model.component == "mosfet_n" else -1.0
     return _channel(scaled(scaled(v["beta"], 2.0), area), scaled(v["vto"], sign), v["lambda"])
 

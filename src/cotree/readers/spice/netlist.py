@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 _LONGEST_LINE = 100_000  # maximum number of characters of a statement with its continuation lines
-# A dollar sign may be part of a name, so that it starts a comment only between spaces.
+# A dollar sign may be part of a name, so it starts a comment only between spaces.
 _COMMENT = re.compile(r";|//|(?:^|\s)\$(?:\s|$)")
 
 #: A word of a statement: an expression in braces or quotes, an equals sign, or other text.
@@ -66,7 +66,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
             yield Line(at, _words(whole, at), whole)
         at, whole = here, ""
         first = line.split(None, 1)[0].lower()
-        if first in (".control", ".endc"):  # simulator commands
+        if first in (".control", ".endc"):  # these lines surround commands of the simulator
             is_skipped = first == ".control"
         elif first == ".end" and not is_skipped:
             return
@@ -131,7 +131,7 @@ def assignments(line: Line) -> dict[str, tuple[str, str]]:
 
 
 def split_settings(words: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split words into those before the first ``name = value``, and the others."""
+    """Split words into those before the first ``name = value``, and all later ones."""
     at = words.index("=") - 1 if "=" in words else len(words)
     return words[: max(at, 0)], words[max(at, 0) :]
 
@@ -184,7 +184,7 @@ class Circuit:
     #: Models and subcircuits, by name in lower case.
     models: dict[str, ModelCard] = field(default_factory=dict)
     circuits: dict[str, Circuit] = field(default_factory=dict)
-    #: Name and value as written, and line of each parameter, by name in lower case.
+    #: Name and value as written, and line, of each parameter.
     parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
     #: Functions by name in lower case.
     functions: dict[str, UserFunction] = field(default_factory=dict)
@@ -292,7 +292,7 @@ class _Parser:
         if len(self.open) > _DEEPEST:
             raise line.at.error(f".subckt within more than {_DEEPEST} others")
         words, given = split_settings(line.words[1:])
-        # In some simulators ``params:`` precedes the parameters.
+        # In some simulators, ``params:`` precedes the parameters.
         words = tuple(word for word in words if word.lower() != "params:")
         if not words:
             raise line.at.error(".subckt needs a name")

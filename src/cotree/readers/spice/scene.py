@@ -43,7 +43,7 @@ def read_spice_text(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
 
 
 class Writer(Sheet[_Scene]):
-    """Builds the scene of a netlist."""
+    """Builder of the scene of a netlist."""
 
     def __init__(self, scene_type: type[_Scene], netlist: Netlist, file: str) -> None:
         super().__init__(scene_type(scene_name(Path(file).stem[:40], "netlist")), file)
@@ -100,7 +100,7 @@ class Writer(Sheet[_Scene]):
         for key in ordered(rows, given):
             name, word, at = rows[key]
             value, at = given[key] if key in given else (scope.value(word, at), at)
-            # Underscores join the names of a path, since dots precede variables.
+            # Underscores join the names of a path, because dots precede variables.
             label = f"{path}{name}".replace(".", "_")
             scope.values[key] = self.own_parameter(label, value, at)
 
@@ -146,7 +146,7 @@ class Writer(Sheet[_Scene]):
 
     def _held(self, line: Line, scope: Scope) -> None:
         words = line.words[1:]
-        # Parentheses separate words, so that ``v(node)=value`` consists of four words.
+        # Parentheses separate words, so ``v(node)=value`` consists of four words.
         for i in range(0, len(words), 4):
             four = words[i : i + 4]
             if len(four) < 4 or four[0].lower() != "v" or four[2] != "=":
@@ -159,7 +159,7 @@ class Writer(Sheet[_Scene]):
         for name in self.voltages:
             if name not in known:
                 raise at.error(f".ic names '{brief(name)}', which is not a node")
-        # Without ``uic`` the run starts at the operating point, with the voltages of ``.ic`` fixed.
+        # Without ``uic``, runs start at the operating point, with the voltages of ``.ic`` fixed.
         if self.uses_initial:
             return
         held = {known[name]: value for name, value in self.voltages.items()}
@@ -205,21 +205,21 @@ class Writer(Sheet[_Scene]):
         # Other names refer to the circuit in which the subcircuit is defined.
         inner = Scope({}, home.scope, circuit.functions)
         place = Instance(self, circuit, inner, path, home, outer.count)
-        # As in ngspice, the order is: instance, ``.param`` in the subcircuit, defaults.
+        # As in ngspice, values of the instance precede ``.param`` of the subcircuit, then defaults.
         rows = {name: (name, word, line.at) for name, word in circuit.defaults.items()}
         rows |= {row[0].lower(): row for row in circuit.parameters}
         # As in ngspice, ``m`` is an ordinary parameter if the subcircuit declares it.
         if "m" in values and "m" not in rows:
             place.count = scaled(place.count, outer.multiplier(values.pop("m"), line.at))
         check_known(values, rows, f"{line.at}: subcircuit {what} has no parameter")
-        # Names in values of the instance refer to the enclosing circuit, others to the subcircuit.
+        # Names in values of the instance refer to the outer circuit, all others to the subcircuit.
         seen = {name: (outer.scope.value(word, line.at), line.at) for name, word in values.items()}
         self._parameters(rows, inner, path, seen)
         self._circuit(circuit, place, depth + 1)
 
 
 def _turn(line: Line) -> int:
-    """Return a sort key, so that each element is added after the elements that it names."""
+    """Return a sort key with which each element is added after the elements that it names."""
     if line.key[0] == "k":
         return 2
     return 3 if line.key[0] in "fhbsw" or has_signals(line.text) else 1

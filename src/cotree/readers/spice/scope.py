@@ -34,7 +34,7 @@ class Sheet(Generic[_Scene]):
         self.scene, self.file, self.times = scene, file, Times()
         self.uses_initial = False  # ``uic``: whether the run starts at given initial values
         self.gmin = _GMIN  # conductance parallel to each p-n junction, [S]
-        # Separate namers, because an element and a parameter may have the same name.
+        # Two generators of names, because an element and a parameter may have the same name.
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
         self.voltages: dict[str, Value] = {}  # voltages in ``.ic`` by node
@@ -76,7 +76,7 @@ class Sheet(Generic[_Scene]):
         return number
 
     def join(self, nodes: Sequence[str]) -> bool:
-        """Record a short circuit of two nodes; return False if others already connect them."""
+        """Record a short circuit of two nodes; return False if other shorts connect them."""
         first, second = map(self._joined, nodes)
         self._shorts[second] = first
         return first != second
@@ -109,7 +109,7 @@ class Coupled:
 
     @property
     def first(self) -> str:
-        """Name of the first K statement, in lower case."""
+        """The name of the first K statement, in lower case."""
         return next(iter(self.couplings.values())).key
 
 
@@ -120,8 +120,8 @@ class Instance:
     sheet: Sheet[Any]  # scene to which elements are added, with its names
     circuit: Circuit  # statements of the circuit
     scope: Scope  # parameters and functions of the circuit
-    path: str = ""  # names of the instances that lead here, each followed by a dot
-    #: Instance of the circuit in which this one is defined, where undefined names are looked up.
+    path: str = ""  # names of the enclosing instances and this one, each followed by a dot
+    #: Instance of the circuit that defines this one; undefined names are searched for there.
     defined_in: Instance | None = None
     count: Value = 1.0  # number of parallel copies (``m=``), which are merged to one
     #: Edges by element name in lower case.
@@ -175,7 +175,7 @@ class Instance:
         raise at.error(f"there is no subcircuit '{brief(name)}'{hint}")
 
     def has_model(self, name: str) -> bool:
-        """Return whether there is a model called ``name``."""
+        """Return whether this or an enclosing circuit has a model called ``name``."""
         return any(name.lower() in place.circuit.models for place in self._around())
 
     def model(self, name: str, letter: str, line: Line) -> DeviceModel:
@@ -196,7 +196,7 @@ class Instance:
 
             def own(parameter: str, word: str, unit: str) -> Value:
                 value = self.scope.value(word, card.at)
-                # A zero removes a term from the laws, so that it does not become a parameter.
+                # A zero removes a term from the laws, so it does not become a parameter.
                 if not parameter or parameter == "level" or value == 0.0:
                     return value
                 label = self.label(f"{card.name}_{parameter}")
@@ -217,7 +217,7 @@ class Instance:
         fields: Mapping[str, Any],
         initial: Mapping[str, Any] | None = None,
     ) -> str:
-        """Add an edge to the scene, and return its name there."""
+        """Add an edge to the scene, and return its name in the scene."""
         # Unlike in a netlist, nodes and elements of a scene must have different names.
         edge = self.sheet.names.give("element", self.label(name))
         self.sheet.scene.edge(edge, type, *nodes, initial=initial, **fields)
@@ -226,7 +226,7 @@ class Instance:
         return edge
 
     def add_short(self, name: str, nodes: Sequence[str]) -> None:
-        """Add a voltage source of 0 V between two nodes, unless others already connect them."""
+        """Add a voltage source of 0 V between two nodes, unless other shorts connect them."""
         if self.sheet.join(nodes):
             self.add(name, "voltage_source", nodes, {"voltage": 0.0})
 

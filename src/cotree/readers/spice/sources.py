@@ -72,7 +72,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
 
 @dataclass(frozen=True)
 class _Numbers:
-    """The numbers of a waveform; absent ones count as zero."""
+    """The numbers of a waveform; missing numbers count as zero."""
 
     values: list[Value]
     times: Times
@@ -82,9 +82,9 @@ class _Numbers:
         return self.values[place] if place < len(self.values) else 0.0
 
     def or_else(self, place: int, default: float | None, what: str) -> Value:
-        """Return the number at an index, or its default if it is absent or zero, as in ngspice.
+        """Return the number at an index, or its default if it is missing or zero, as in ngspice.
 
-        The default is None if it depends on ``.tran``, but there is none.
+        The default is None if it depends on ``.tran``, but the netlist has no ``.tran``.
         """
         if not is_zero(self[place]):
             return self[place]
@@ -117,7 +117,7 @@ def _piecewise(numbers: list[Value], at: SourceLine) -> Source:
     if len(numbers) < 2 or len(numbers) % 2:
         raise at.error("PWL needs pairs of a time and a value")
     times, values = numbers[::2], numbers[1::2]
-    # A single point means a constant.
+    # A single point is a constant.
     if len(times) == 1:
         return Source("", {"value": values[0]}, is_constant=isinstance(values[0], float))
     is_plain = not any(isinstance(number, str) for number in numbers)
@@ -134,7 +134,7 @@ def _piecewise(numbers: list[Value], at: SourceLine) -> Source:
 
 
 def _step(begin: Value, low: Value, end: Value, high: Value, at: SourceLine) -> str:
-    """Return an expression for the change of a PWL waveform between two points over time."""
+    """Return an expression for the change of a PWL waveform between two points, over time."""
     change, since = f"({text_of(high)} - {text_of(low)})", f"t - {text_of(begin)}"
     if begin == end:
         return f"where({since} >= 0, {change}, 0)"
@@ -157,7 +157,7 @@ def _since(delay: Value) -> str:
 def _sine(given: _Numbers) -> Source:
     frequency = given.or_else(2, given.once, "the frequency of SIN")
     delay, decay, phase = (given[i] for i in range(3, 6))
-    # No component has a decaying sine, so that it is an expression.
+    # No component has a decaying sine, so it becomes an expression.
     if not is_zero(decay):
         passed = _since(delay)
         turn = _turn(frequency, passed, phase)
@@ -173,7 +173,7 @@ def _sine(given: _Numbers) -> Source:
 
 def _pulse(given: _Numbers) -> Source:
     fields: dict[str, Any] = {"low": given[0], "high": given[1]}
-    # Edges of zero duration take the output step, as in simulators.
+    # Edges of zero duration last for the output step, as in simulators.
     for place, name in ((3, "rise"), (4, "fall")):
         fields[name] = given.or_else(place, given.times.step, f"the {name} of PULSE")
     # A pulse without a width lasts to the end of the run.
@@ -184,7 +184,7 @@ def _pulse(given: _Numbers) -> Source:
 
 def _exponential(given: _Numbers) -> Source:
     low, high, step = text_of(given[0]), text_of(given[1]), given.times.step
-    # The default of the first delay is zero in the manual of ngspice, but ngspice uses the step.
+    # In the manual of ngspice, the default of the first delay is zero, but ngspice uses the step.
     first = given.or_else(2, step, "the delay of EXP")
     rise = given.or_else(3, step, "the time constant of EXP")
     second = given.or_else(4, step, "the second delay of EXP")
@@ -193,13 +193,13 @@ def _exponential(given: _Numbers) -> Source:
         second = f"{text_of(first)} + {text_of(second)}"
     fall = given.or_else(5, step, "the second time constant of EXP")
 
-    # Each exponential starts at its delay and is zero before.
+    # Each exponential is zero before its delay.
     def since(begin: Value, constant: Value) -> str:
         return f"(1 - exp(-max(0, t - {text_of(begin)})/{text_of(constant)}))"
 
     up, down = f"({high} - {low})*{since(first, rise)}", f"({low} - {high})*{since(second, fall)}"
     if isinstance(first, float) and isinstance(second, float) and second < first:
-        # In ngspice, both exponentials are absent before the first delay.
+        # In ngspice, both exponentials are zero before the first delay.
         down = f"where(t > {text_of(first)}, {down}, 0)"
     return Source("", {"value": f"{low} + {up} + {down}"})
 

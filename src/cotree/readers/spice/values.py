@@ -40,12 +40,12 @@ _SIGNAL = re.compile(r"([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)", r
 #: Operators, with their equivalents in Python.
 _SPELT = {"^": "**", "&&": "and", "||": "or", "!": "~", "?": "if (", ":": ") else"}
 _SPELT |= {"(": f"{GROUP}("}
-#: Functions of netlists that scenes lack or call by another name.
+#: Functions of netlists that scenes lack or that have another name in scenes.
 _FORMS = (
     *("ln", "log10", "sgn", "arctan", "asinh", "acosh", "atanh"),
     *("u", "u2", "uramp", "ceil", "pwr", "limit"),
 )
-#: A number with a suffix in place of the decimal point, as printed on resistors.
+#: A number with a suffix instead of the decimal point, as printed on resistors.
 _PRINTED = re.compile(r"([+-]?\d+)(?![eE]\d)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
 _ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
 _SUFFIXES = {
@@ -60,7 +60,7 @@ _LONGEST = 6000  # maximum number of characters of an expression after substitut
 def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> list[str]:
     """Sort parameters after those in their values, except ``given`` ones; otherwise as in the file.
 
-    In a cycle, a name refers to the enclosing circuit or is unknown.
+    If parameters form a cycle, a name in it refers to the enclosing circuit or is unknown.
     """
     done: dict[str, None] = {}
     begun: set[str] = set()
@@ -88,7 +88,7 @@ def read_number(word: str) -> float | None:
 
 
 def number_text(word: str) -> str:
-    """Convert a number with a suffix to a text without it."""
+    """Convert a number with a suffix to a text without suffix."""
     check_point(word)
     value = read_number(word)
     if value is None:
@@ -97,7 +97,7 @@ def number_text(word: str) -> str:
 
 
 def check_point(word: str) -> None:
-    """Raise an error for a suffix in place of the decimal point, on which simulators disagree."""
+    """Raise an error for a suffix instead of the decimal point, on which simulators disagree."""
     match = _PRINTED.match(word)
     if match is not None:
         whole, factor, rest = match.groups()
@@ -117,7 +117,7 @@ def _scaled(digits: str, letters: str) -> float:
     small = letters.lower()
     if _is_ampere(letters):
         return float(digits)
-    # Case is ignored, so that m is milli and meg is mega. Letters after the suffix are a unit.
+    # Case is ignored, so m is milli and meg is mega. Letters after the suffix are a unit.
     suffix = next((s for s in ("meg", "mil") if small.startswith(s)), small[:1])
     if suffix not in _SUFFIXES:
         return float(digits)
@@ -129,7 +129,7 @@ def _scaled(digits: str, letters: str) -> float:
 
 @dataclass(frozen=True)
 class Scope:
-    """Meaning of names in the main circuit or in an instance of a subcircuit."""
+    """Values of names in the main circuit or in an instance of a subcircuit."""
 
     #: Values of parameters, by name in lower case.
     values: dict[str, Value] = field(default_factory=dict)
@@ -147,7 +147,7 @@ class Scope:
             scope = scope.outer
 
     def remark(self, text: str) -> None:
-        """Add a note to the outermost scope, unless it is already there."""
+        """Add a note to the outermost scope, unless the scope already contains it."""
         *_, outermost = self._outwards()
         if text not in outermost.remarks:
             outermost.remarks.append(text)
@@ -186,7 +186,7 @@ class Scope:
     def _expression(self, body: str) -> Value:
         text = SpiceFormula(self).text(body)
         expression = parse(text, "an expression")
-        # Names in it are parameters of the scene, which may change.
+        # Names in the expression are parameters of the scene, which may change.
         if expression.names:
             return text
         value = expression.lower(Dag(), dict[str, "Node"]().__getitem__).value
@@ -196,9 +196,9 @@ class Scope:
 
 
 class SpiceFormula(Rewriter):
-    """Rewrites expressions of a netlist for scenes.
+    """Rewriter of a netlist's expressions for scenes.
 
-    ``signal`` converts a voltage or current; if it is None, these raise an error.
+    ``signal`` converts voltages and currents; if it is None, they raise an error.
     """
 
     own: ClassVar = {"if": 3, "ternary_fcn": 3, "pow": 2}
@@ -279,15 +279,15 @@ class SpiceFormula(Rewriter):
         if name == "ternary_fcn" and len(args) == 3:
             return fill("where(a, b, c)", self.condition(args[0]), *map(self.value, args[1:]))
         if name == "pow" and len(args) == 2:
-            # In parameters, ngspice keeps the sign of the base here, unlike for ``**``.
+            # In parameters, ngspice keeps the sign of the base in ``pow``, but not in ``**``.
             base, exponent = map(self.value, args)
             return self._power(base, exponent) if self._signal else fill("a**b", base, exponent)
-        # In laws, ngspice keeps the sign of the base; in parameters, it does not.
+        # In laws, ngspice keeps the sign of the base in ``pwr``; in parameters, it does not.
         if name == "pwr" and len(args) == 2:
             base, exponent = map(self.value, args)
             if self._signal is None:
                 return fill("abs(a)**b", base, exponent)
-            # The sign of zero is positive, which is visible if the exponent is zero.
+            # The sign of zero is positive, which matters if the exponent is zero.
             if not (isinstance(exponent, ast.Constant) and exponent.value):
                 return fill("where(a < 0, -1, 1)*abs(a)**b", base, exponent)
         return None
@@ -317,7 +317,7 @@ class SpiceFormula(Rewriter):
         return self._power(base, self.value(exponent))
 
     def _power(self, base: ast.expr, exponent: ast.expr) -> ast.expr:
-        """Return a power; in laws, the base is its absolute value, as in ngspice."""
+        """Return a power; in laws, its base is an absolute value, as in ngspice."""
         power = exponent.value if isinstance(exponent, ast.Constant) else None
         is_even = isinstance(power, float) and power % 2.0 == 0.0
         # Even powers and powers of numbers need no absolute value.

@@ -24,7 +24,7 @@ _Named = TypeVar("_Named", "RobotLink", "Joint")
 def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
     """Return the root link, and the joints after those of their parents, else in file order.
 
-    Raises SceneError if a name occurs twice, a link is missing, or the joints do not form a tree.
+    Raise SceneError if a name occurs twice, a link is missing, or the joints do not form a tree.
     """
     links = _by_name("link", robot.links)
     _by_name("joint", robot.joints)
@@ -46,7 +46,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
             )
         onto[joint.child] = joint
         below[joint.parent].append(joint)
-    # Each link except the root is the child of one joint: a tree, unless a cycle is separate.
+    # Each link except the root is the child of one joint: a tree, except for separate cycles.
     roots = [link for link in robot.links if link.name not in onto]
     if not roots:
         raise robot.links[0].at.error("the joints form a cycle")
@@ -105,7 +105,6 @@ def check_mimics(joints: Iterable[Joint]) -> None:
             trail.add(follower.name)
             mimic = follower.mimic if follower.type != "fixed" else None
             follower = None if mimic is None else by_name[mimic.joint]
-        # These joints need not be checked again.
         settled |= trail
 
 
@@ -242,7 +241,7 @@ class RobotLink:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A coordinate that is that of another joint times a factor, plus an offset."""
+    """A coordinate that equals the coordinate of another joint times a factor, plus an offset."""
 
     joint: str
     multiplier: float

@@ -1,6 +1,6 @@
 """Conversion of URDF robots to scenes.
 
-Links become nodes and joints become edges, which arms and welds connect. An inertia becomes a
+Links become nodes, and joints become edges, with arms and welds between them. An inertia becomes a
 ``rigid_body`` at the end of an arm to the centre of mass. See docs/urdf.md.
 """
 
@@ -44,7 +44,7 @@ _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
     """Compute Rz(yaw) Ry(pitch) Rx(roll), from rotated to original axes; None for the identity.
 
-    Angles, [rad], within ``snap`` of a multiple of a quarter turn are rounded to it.
+    Angles, [rad], within ``snap`` of a multiple of a quarter turn are rounded to the multiple.
     """
     (cr, sr), (cp, sp), (cy, sy) = (_cosine_and_sine(angle, snap) for angle in rpy)
     rows = [
@@ -81,7 +81,7 @@ class UrdfOptions:
     base: str = "fixed"  # whether the root link is ``fixed`` to the ground or ``free`` to move
     #: Whether mimic joints follow other joints instead of moving independently.
     mimic: bool = True
-    #: Frame angles that are this close, [rad], to a multiple of a quarter turn are rounded to it.
+    #: Frame angles within this distance, [rad], of a multiple of a quarter turn are rounded to it.
     snap: float = 0.0
 
     def __post_init__(self) -> None:
@@ -119,7 +119,7 @@ class _SceneWriter(Generic[_Scene]):
         self.free_mimics: list[str] = []
         self.visuals: list[Visual] = []
         self.gravity = self.namer.own("g")
-        # By convention the z axis of the root points up.
+        # By convention, the z axis of the root points up.
         gravity: list[float | str] = [0.0, 0.0, f"-{self.gravity}"]
         self.scene = scene_type(scene_name(robot.name, "robot"), gravity=gravity)
 
@@ -134,7 +134,7 @@ class _SceneWriter(Generic[_Scene]):
         self.scene.edge(base, root_type, "ground", self.node[root.name])
         for joint in joints:
             self._add_joint(joint)
-        # A joint may mimic a later one, so that mimic constraints are added after all joints.
+        # A joint may mimic a later joint, so mimic constraints are added after all joints.
         by_name = {joint.name: joint for joint in joints}
         for joint in joints:
             self._add_mimic(joint, by_name)
@@ -189,7 +189,7 @@ class _SceneWriter(Generic[_Scene]):
         self.scene.edge(edge, kind, start, child, initial=initial, **fields)
 
     def _friction_speed(self) -> str:
-        """Return the parameter for the regularisation speed of friction, common to all joints."""
+        """Return the parameter for the regularisation speed of friction, which all joints share."""
         if "friction_speed" not in self.scene.parameters:
             self.speed = self._parameter("friction_speed", _FRICTION_SPEED, "")
         return self.speed
@@ -269,7 +269,7 @@ class _SceneWriter(Generic[_Scene]):
         )
 
     def _place(self, edge: str, first: str, second: str, pose: Pose, weld: bool = False) -> None:
-        """Add an arm between two nodes; if ``weld`` is set and their origins coincide, a weld."""
+        """Add an arm between two nodes, or a weld if ``weld`` is set and their origins coincide."""
         turn = self._rotation(pose)
         if weld and not any(pose.xyz):
             self.scene.edge(edge, "weld", first, second, **turn)
