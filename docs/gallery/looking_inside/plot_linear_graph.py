@@ -2,9 +2,9 @@
 Linear graph of a scene
 =======================
 
-The nodes of a linear graph are frames or points, and its edges are components. The tree (bold) determines
-the unknowns. The f-cutsets of the tree give the balance equations, and its f-circuits give the
-compatibility equations.
+The nodes of a linear graph are frames or points, and its edges are components. The tree (bold)
+determines the unknowns. The f-cutsets of the tree give the balance equations, and its f-circuits
+give the compatibility equations.
 """
 
 import numpy as np
