@@ -141,7 +141,9 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         # The model keeps a copy of the scene, which later changes do not affect.
         described = described.copied()
         if locate_corners is not None:
-            warnings.warn("locate_corners is called locate_kinks", DeprecationWarning, stacklevel=2)
+            warnings.warn(
+                "locate_corners is deprecated: use locate_kinks", DeprecationWarning, stacklevel=2
+            )
             locate_kinks = locate_corners
         spec = BuildSpec(described, names, tree, options, rate, bool(locate_kinks))
         try:

@@ -110,8 +110,8 @@ def transfer_function(
         raise SceneError("the denominator begins with zero: give the highest power of s first")
     if len(b) > len(a):
         raise SceneError(
-            f"the numerator has order {len(b) - 1} and the denominator {n}: rates of signals have "
-            "no transfer function without a filter"
+            f"the numerator has order {len(b) - 1}, higher than the order {n} of the denominator: "
+            "divide by a filter of sufficient order, such as 1 + T s"
         )
     scene = Scene(name)
     scene.input("u", 0.0)

@@ -104,7 +104,7 @@ def check_text(value: object, what: str) -> str:
     if not isinstance(value, str) or len(value) > 1000:
         raise SceneError(f"{what} must be a text of at most 1000 characters")
     if any("\ud800" <= char <= "\udfff" for char in value):
-        raise SceneError(f"{what} has half a character, which files cannot store")
+        raise SceneError(f"{what} has a lone surrogate, which files cannot store: remove it")
     return value
 
 

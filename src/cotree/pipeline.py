@@ -149,7 +149,7 @@ def _check_impacts(first: FirstGraph) -> None:
             if timed.intersection(names):
                 raise FormulationError(
                     f"{name} of edge '{port.edge.name}' depends on time or an input, and edge "
-                    f"'{stops[0]}' has impacts, which have no sensitivities then: let it be "
+                    f"'{stops[0]}' has impacts, which have no sensitivities then: make it "
                     "constant, or compile without sensitivities"
                 )
 

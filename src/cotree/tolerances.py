@@ -84,6 +84,6 @@ def loose_rtol(rtol: float) -> str:
     if not LOOSE_RTOL < rtol < LARGEST_RTOL:
         return ""
     return (
-        f"rtol is {rtol}: above {LOOSE_RTOL:g} estimates of errors mean little, and results may be "
-        "wrong by far more"
+        f"rtol is {rtol}: above {LOOSE_RTOL:g} error estimates are unreliable, and errors may be "
+        "much larger"
     )

@@ -176,7 +176,7 @@ def read_unit(text: str) -> Unit:
         # An integer power of a fraction is exact; another power is computed as a double.
         factor *= symbol.factor ** int(power) if whole else _exact(float(symbol.factor) ** power)
     if not 1e-100 < factor < 1e100:
-        raise UnitError("whose factor to SI is out of reach")
+        raise UnitError("whose factor to SI is too large or too small")
     total = [0.0] * len(_BASES)
     for symbol, power in symbols:
         total = [a + power * b for a, b in zip(total, symbol.dimension, strict=True)]
@@ -214,7 +214,7 @@ def _parts(text: str) -> list[tuple[str, float]]:
             tree = ast.parse("".join(words), mode="eval").body
         return _factors(tree, names, 1.0)
     except SyntaxError:
-        raise UnitError("which is no product of powers of symbols") from None
+        raise UnitError("which is not a product of powers of symbols") from None
 
 
 def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, float]]:
@@ -232,7 +232,7 @@ def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, 
         case ast.BinOp(left=left, op=ast.Pow(), right=exponent):
             digits = ast.unparse(exponent)
             if not re.fullmatch(r"-?[\d.]+", digits):
-                raise UnitError("which has a power that is no number")
+                raise UnitError("which has a power that is not a number")
             return _factors(left, names, power * float(digits))
     raise UnitError("which has a number in place of a symbol")
 
@@ -279,7 +279,7 @@ def _foreign(name: str) -> _Symbol:
     exponents: dict[str, float] = {}
     for base, power in one._units.items():
         if base not in bases:
-            raise UnitError(f"which counts in '{base}': no quantity here does")
+            raise UnitError(f"which is based on '{base}', a unit that is not supported")
         exponents[bases[base]] = float(power)
     if own.endswith("hertz"):
         exponents["Hz"] = 1.0

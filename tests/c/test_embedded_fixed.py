@@ -82,7 +82,12 @@ def test_constraints_are_held(tmp_path):
         ("slider-pendulum", "rk4", None, "rk4 has fixed steps: give step"),
         ("slider-pendulum", "euler", 0.0, "a positive number of seconds"),
         ("slider-pendulum", "euler", math.nan, "a positive number of seconds"),
-        ("slider-pendulum", "dopri5", 1e-3, "dopri5 controls its steps: give a step to rk4 or"),
+        (
+            "slider-pendulum",
+            "dopri5",
+            1e-3,
+            "dopri5 controls its step size: give step only for rk4 or",
+        ),
         ("bouncing-ball", "rk4", 1e-3, "rk4 does not locate events"),
     ],
 )
@@ -108,7 +113,7 @@ def behind_a_capacitor(is_loop):
 @pytest.mark.parametrize("integrator", ["rk4", "euler"])
 def test_sensitivities_that_jump_at_kinks_are_refused(tmp_path, integrator):
     """Steps of one length pass over the kink: where the rate jumps there, so must d/d(td)."""
-    with pytest.raises(CodegenError, match=rf"{integrator} passes over kinks.* depend on 'td'"):
+    with pytest.raises(CodegenError, match=rf"depend on 'td', .* {integrator} does not locate"):
         behind_a_capacitor(True).compile(["td"]).write(tmp_path / "p", integrator, 1e-5)
     assert not (tmp_path / "p").exists()
     behind_a_capacitor(True).compile().write(tmp_path / "plain", integrator, 1e-5)

@@ -54,7 +54,7 @@ def test_the_index_of_a_table_labels_its_members():
         (pd.DataFrame({"L": []}), "members are empty"),
         ({"L": [1.0, 2.0], "k": [1.0]}, "'L' has 2 values, 'k' has 1"),
         ({"L": np.ones((3, 2))}, r"column 'L' of members has shape \(3, 2\)"),
-        ({"L": [[1.0], [1.0, 2.0]]}, "'L' of members is no sequence of numbers"),
+        ({"L": [[1.0], [1.0, 2.0]]}, "'L' of members is not a sequence of numbers"),
         ({"L": [1.0, np.nan]}, "'L' of members, row 1, is nan"),
         ({"L": [1.0, np.inf]}, "'L' of members, row 1, is inf"),
         ({"L": np.ma.array([1.0, 2.0], mask=[False, True])}, "row 1, is nan"),

@@ -410,7 +410,7 @@ def test_a_report_lists_them_but_nothing_takes_them_unnamed():
     assert report.costs[0].trees.is_one
     last = report.costs[-1]
     assert last.trees.listed().startswith("translation: ")
-    assert "taken only where named" in report.summary()
+    assert "used only if named" in report.summary()
     named = (last.trees.translation, last.trees.rotation)
     tree = {tree.graph.domain: tree.branches for tree in named}
     assert formulate(scene, (), tree)[2][0].n_operations == last.n_operations

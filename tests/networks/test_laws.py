@@ -185,7 +185,7 @@ def test_a_cell_by_a_table():
     ("table", "message"),
     [
         ({"of": "t", "x": [0, 1]}, "give 'of', an expression"),
-        ({"of": "t", "x": [0, 1], "y": [1]}, "has 2 numbers x and 1 values"),
+        ({"of": "t", "x": [0, 1], "y": [1]}, "has 2 numbers x but 1 values"),
         ({"of": "t", "x": [1, 0], "y": [1, 2]}, "must ascend: number 2 is 0, after 1"),
         ({"of": "t", "x": [0, 1], "y": [1, "a +"]}, "is not an expression"),
         ({"of": "t +", "x": [0, 1], "y": [1, 2]}, "is not an expression"),

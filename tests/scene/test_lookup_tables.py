@@ -239,7 +239,7 @@ def test_texts_without_a_folder_name_no_files() -> None:
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"x": [0, 1], "y": [0]}, "has 2 numbers x and 1 values"),
+        ({"x": [0, 1], "y": [0]}, "has 2 numbers x but 1 values"),
         ({"x": [1, 0], "y": [0, 1]}, "must ascend: number 2 is 0, after 1"),
         ({"x": [0, float("nan")], "y": [0, 1]}, "number 2 of x"),
         ({"x": [0, float("inf")], "y": [0, 1]}, "give a finite number"),
@@ -257,7 +257,7 @@ def test_texts_without_a_folder_name_no_files() -> None:
             {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [1, 2]], "interpolation": "monotone"},
             "has two arguments",
         ),
-        ({"x": list(range(100_001)), "y": [0.0] * 100_001}, "100000 are allowed"),
+        ({"x": list(range(100_001)), "y": [0.0] * 100_001}, "at most 100000 are allowed"),
         ({"x": [0, 1], "y": [0, "sin("]}, "is not an expression"),
     ],
 )

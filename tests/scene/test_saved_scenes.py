@@ -342,7 +342,7 @@ def test_comments_and_order_of_a_file_survive(tmp_path):
 
 
 def test_half_a_character_is_no_text():
-    with pytest.raises(SceneError, match="doc of parameter 'p' has half a character"):
+    with pytest.raises(SceneError, match="doc of parameter 'p' has a lone surrogate"):
         Scene("x").parameter("p", 1.0, doc="\ud800")
 
 

@@ -88,7 +88,7 @@ def test_a_wrong_file_is_named(content, tmp_path, monkeypatch):
 def test_a_named_library_serves_cvode_too(tmp_path, monkeypatch):
     monkeypatch.setenv("COTREE_SUNDIALS", str(tmp_path / "nothing.so"))
     result = load("spring-mass-damper").compile().simulate((0.0, 0.1), [0.1], "cvode")
-    assert "BDF stood in for cvode" in result.message
+    assert "BDF was used instead of cvode" in result.message
     assert "there is no such file" in result.message
 
 

@@ -233,7 +233,7 @@ def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
     monkeypatch.setattr(sundials_library, "_MOST_MULTIPLICATIONS", 1e3)
     model = rc_grid(15).compile()
     result = model.simulate((0.0, 1.0), [1.0], "cvode")
-    assert "BDF stood in for cvode: the Jacobian's band is wide." in result.message
+    assert "BDF was used instead of cvode: the Jacobian's band is wide." in result.message
 
 
 def test_too_wide_a_band_with_events_is_factorised_all_the_same(monkeypatch):
@@ -340,7 +340,7 @@ def test_what_is_missing_is_said(slider, monkeypatch, missing, method):
         "version": "SUNDIALS is of version 7.9, not 6.0",
         "compiler": "no compiler can build its engine",
     }[missing]
-    assert f"BDF stood in for {method}: {why}" in result.message
+    assert f"BDF was used instead of {method}: {why}" in result.message
     exact = slider.simulate((0.0, 0.1), [0.1], "DOP853", 1e-11, 1e-12)
     np.testing.assert_allclose(result.y, exact.y, atol=1e-6)
 

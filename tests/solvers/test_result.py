@@ -54,8 +54,8 @@ def test_access_by_name(result):
         (lambda r: r["k.sdot"], "no state, output or input 'k.sdot'; did you mean 'k.s_dot'?"),
         (lambda r: r.sensitivity("enrgy", "m"), "no state or output 'enrgy'; did you mean"),
         (lambda r: r.sensitivity("force", "m"), "no state or output 'force'; known: energy"),
-        (lambda r: r.sensitivity("k.s", "L"), "Sensitivities to 'L' were not asked for; known"),
-        (lambda r: r.unit("what"), "nothing of the name 'what'"),
+        (lambda r: r.sensitivity("k.s", "L"), "Sensitivities to 'L' were not requested; known"),
+        (lambda r: r.unit("what"), "no quantity 'what'"),
     ],
 )
 def test_unknown_names(result, ask, words):

@@ -254,5 +254,5 @@ def test_functions_of_python_are_left_to_scipy(method):
         pytest.importorskip("sksundae")
     result = integrate(oscillator(np.linspace(0, 5, 11)), method)
     assert result.statistics.method in ("RK45", "Radau", "BDF")
-    assert f"stood in for {method}: its equations are Python functions." in result.message
+    assert f"was used instead of {method}: its equations are Python functions." in result.message
     assert _error(result) < 2e-6

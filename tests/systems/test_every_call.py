@@ -348,7 +348,7 @@ REFUSED = {
     "points": {
         "modes": (),
         "friction": ("no equilibrium", "is 0.5 at this point"),
-        "jump": ("switch each time",),
+        "jump": ("switch at every attempt",),
         "events": ("no equilibrium",),
         "algebraic": (),
         "constraints": ("no equilibrium", "multiple eigenvalue"),
@@ -361,7 +361,7 @@ REFUSED = {
         **dict.fromkeys(("modes", "events", "jump"), ("cannot take events",)),
         "algebraic": ("cannot take algebraic unknowns",),
         **dict.fromkeys(("constraints", "quaternion"), ("cannot take constraints",)),
-        "friction": ("cannot take events", "decides when an event occurs"),
+        "friction": ("cannot take events", "affects when an event occurs"),
     },
     "ensembles": {
         **dict.fromkeys(("modes", "events", "jump", "friction"), ("cannot take events",)),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def column_values(values: Any, what: str) -> FloatArray:
     """Convert a number, or a sequence with one number per member, to an array."""
     if hasattr(values, "magnitude"):
-        raise ParameterError(f"{what} has units of its own: give plain numbers in SI units")
+        raise ParameterError(f"{what} has units: give plain numbers in SI units")
     try:
         # Masked values count as missing.
         array = (
@@ -34,7 +34,9 @@ def column_values(values: Any, what: str) -> FloatArray:
             else np.asarray(values)
         )
     except ValueError:  # nested sequences have different lengths
-        raise ParameterError(f"{what} is no sequence of numbers") from None
+        raise ParameterError(
+            f"{what} is not a sequence of numbers: give one number for each member"
+        ) from None
     if array.ndim > 1:
         raise ParameterError(f"{what} has shape {array.shape}: give one value for each member")
     if array.ndim == 0:
@@ -249,7 +251,7 @@ def _labels(index: Any) -> npt.NDArray[Any]:
     if len(found) < len(labels):
         raise ParameterError(
             f"the index of members has {brief(found[counts > 1][0])} {max(counts)} times: give "
-            "each a label of its own, as reset_index(drop=True) does"
+            "each member a different label, for example by reset_index(drop=True)"
         )
     return labels
 

@@ -333,7 +333,7 @@ def _load(
     # At this optimisation level the compiler shares computations between kernels and steps.
     library = load_kernels(model, files, lanes_declarations(model), BuildOptions("-O3"))
     if library is None:
-        return "the compiler has no vectors"
+        return "the compiler does not support vectors"
     found = getattr(library.lib, f"{model.prefix}_lanes")()
     work = int(library.ffi.cast("uintptr_t", found.work))
     return LoadedLanes(int(found.n_lanes), int(found.n_bytes), work, library)

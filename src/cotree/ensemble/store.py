@@ -130,8 +130,8 @@ def read_path(store: Any) -> Path:
         )
     if path.suffix.lower() in _ONE_FILE:
         raise StoreError(
-            f"the store '{path}' would be one file, which a kill in the middle of a write can make "
-            f"unreadable: give a folder, such as 'runs', and convert the Dataset when it is done: "
+            f"the store '{path}' would be one file, which is unreadable if a write to it is "
+            f"interrupted: give a folder, such as 'runs', and convert the Dataset when it is done: "
             f"runs.to_netcdf('{path.name}')"
         )
     path = path.expanduser().absolute()

@@ -139,8 +139,8 @@ def check_prefix(prefix: str) -> str:
     if not is_name or c_identifier(prefix) != prefix:
         raise CodegenError(
             f"'{brief(prefix)}' cannot be the prefix of names in C: give a letter followed by at "
-            "most 63 letters, digits or underscores, not a keyword of C or 'main', and does "
-            "not begin with 'cotree_'"
+            "most 63 letters, digits or underscores; keywords of C, 'main' and names that begin "
+            "with 'cotree_' are not allowed"
         )
     return prefix
 
@@ -164,7 +164,7 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
     if integrator not in FIXED:
         if step is not None:
             raise CodegenError(
-                f"{integrator} controls its steps: give a step to {' or '.join(FIXED)} only"
+                f"{integrator} controls its step size: give step only for {' or '.join(FIXED)}"
             )
         return
     if step is None or not (math.isfinite(step) and step > 0.0):
@@ -172,7 +172,7 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
     if program.layout.events:
         raise CodegenError(
             f"{integrator} does not locate events, and scene '{program.layout.name}' has "
-            f"'{program.layout.events[0].name}': take dopri5, rkf45 or dop853"
+            f"'{program.layout.events[0].name}': use dopri5, rkf45 or dop853"
         )
     _check_kinks(program, integrator)
 
@@ -200,9 +200,9 @@ def _check_kinks(program: Program, integrator: str) -> None:
     for state, rate in zip(layout.states, rates, strict=True):
         if jumps_at_time_events(dag, rate, time):
             raise CodegenError(
-                f"{integrator} passes over kinks of sources in its steps, but the rate of "
-                f"'{state.name}' jumps there at times that depend on '{moving[0]}', and "
-                f"sensitivities with it: take dopri5, rkf45 or dop853, or leave out '{moving[0]}'"
+                f"the rate of '{state.name}' jumps at times that depend on '{moving[0]}', so that "
+                f"sensitivities jump, too, but {integrator} does not locate these times: use "
+                f"dopri5, rkf45 or dop853, or compile without sensitivities to '{moving[0]}'"
             )
 
 
@@ -211,5 +211,5 @@ def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
     if is_dependent:
         raise CodegenError(
             f"constraints of scene '{program.layout.name}' are dependent at the start, which "
-            f"{integrator} cannot hold: take dopri5, rkf45 or dop853"
+            f"{integrator} does not support: use dopri5, rkf45 or dop853"
         )

@@ -70,8 +70,8 @@ class GraphReport:
             parts += ["f-circuits", self.f_circuit[name].summary()]
         for is_one, caption in (
             # Only trees common to translation and rotation are chosen automatically.
-            (True, "trees counted, by operations of the right-hand side; the first is taken"),
-            (False, "different trees for translation and rotation, taken only where named"),
+            (True, "trees by operations of the right-hand side; the first is used"),
+            (False, "different trees for translation and rotation, used only if named"),
         ):
             parts.append(tried(caption, [row for row in self.costs if row.trees.is_one == is_one]))
         return Report("", *parts).text()

@@ -171,7 +171,7 @@ class SymbolicEvent:
     @property
     def is_stop(self) -> bool:
         """Deprecated name of ``is_terminal``."""
-        warnings.warn("is_stop is called is_terminal", DeprecationWarning, stacklevel=2)
+        warnings.warn("is_stop is deprecated: use is_terminal", DeprecationWarning, stacklevel=2)
         return self.is_terminal
 
     def line(self, name: str, spell: Callable[[Any], str], symbols: Mapping[Any, Any]) -> str:

@@ -362,7 +362,7 @@ class Linearizer:
             what = "the rate of" if row < len(states) else "output"
             raise SingularSystemError(
                 f"the derivative of {what} '{rows[row]}' with respect to '{columns[column]}' is "
-                f"{numbers[wrong[0]]} at this state: linearise about another one"
+                f"{numbers[wrong[0]]} at this state: linearise about another state"
             )
 
     def _values(

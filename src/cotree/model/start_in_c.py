@@ -254,7 +254,7 @@ class StartCall(CObjects):
             )
         return SolveError(
             f"{names} cannot be found at t = {t} from initial values of dependent variables, since "
-            "these also depend on unknowns of nonlinear equations; give its own initial value"
+            f"these also depend on unknowns of nonlinear equations; prescribe {names} instead"
         )
 
     def search(self) -> UnknownsOfStart:

@@ -394,7 +394,7 @@ def find_trim(
         )
     raise SolveError(
         "no consistent point was found: discontinuous expressions, or modes of dry friction, "
-        "switch each time"
+        "switch at every attempt; give another guess"
     )
 
 

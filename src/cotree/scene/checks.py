@@ -278,8 +278,8 @@ def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
                 name,
                 f"mass of edge '{name}' is {mass:.3g}, {mass / masses[heaviest]:.1g} of that of "
                 f"'{heaviest}': rounding errors of forces accelerate it, so steps become short and "
-                "projections fail; give it more mass, or leave the body out where constraints "
-                "hold its motion",
+                "projections fail; give it more mass, or remove the body if constraints "
+                "determine its motion",
             )
 
 

@@ -342,7 +342,9 @@ class SceneDescription(Reported):
         listed: Any = nodes
         if "nodes" in fields:
             if nodes:
-                raise SceneError(f"edge '{name}' has nodes twice: by place and as nodes=[...]")
+                raise SceneError(
+                    f"edge '{name}' has nodes as arguments and as nodes=[...]: remove one of them"
+                )
             listed = fields.pop("nodes")
             if not is_list(listed):
                 raise SceneError(f"nodes of edge '{name}' must be a list of names")

@@ -155,11 +155,11 @@ def make_lookup(
     second = _axis(y, "y", where) if is_plane else ()
     if len(rows) != len(first):
         what = "rows of values" if is_plane else "values"
-        raise SceneError(f"{where} has {len(first)} numbers x and {len(rows)} {what}")
+        raise SceneError(f"{where} has {len(first)} numbers x but {len(rows)} {what}")
     if is_plane:
         rows = _flat(rows, len(second), where)
     if len(rows) > LARGEST_TABLE:
-        raise SceneError(f"{where} has {len(rows)} values: {LARGEST_TABLE} are allowed")
+        raise SceneError(f"{where} has {len(rows)} values: at most {LARGEST_TABLE} are allowed")
     made = tuple(parse(item, f"value {i} of {where}") for i, item in enumerate(rows, 1))
     is_written = any(item.number is None for item in made)
     if is_written and (is_plane or interpolation == "monotone" or len(made) > _MOST_EXPRESSIONS):

@@ -312,9 +312,9 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
         is_alike = isinstance(value, Real) and name in model.traits.constant_inputs
         if model.sensitivities and name in model.layout.event_inputs and not is_alike:
             raise ParameterError(
-                f"input '{name}' decides when an event occurs, or what it sets, and the "
-                "sensitivities there need its own rate: to replace it, compile "
-                "scene.with_inputs(...), or without sensitivities"
+                f"input '{name}' affects when an event occurs, or what it sets, so sensitivities "
+                "need the rate of the input: to replace it, compile scene.with_inputs(...), or "
+                "compile without sensitivities"
             )
     for name, wanted in zip(model.inputs, model.layout.input_sensitivities, strict=True):
         if name in inputs and wanted:

@@ -217,7 +217,7 @@ class RunRecord(Reported):
     def _column(self, parameter: str) -> int:
         if parameter not in self.parameters_of_sensitivity:
             raise UnknownNameError(
-                f"Sensitivities to '{parameter}' were not asked for"
+                f"Sensitivities to '{parameter}' were not requested"
                 f"{_hint(parameter, self.parameters_of_sensitivity)}"
             )
         return self.parameters_of_sensitivity.index(parameter)
@@ -229,7 +229,7 @@ class RunRecord(Reported):
         known = {*self._known, *self.inputs, *self.parameters_of_sensitivity}
         if name not in self.units and name not in known:
             raise UnknownNameError(
-                f"There is nothing of the name '{name}'{_hint(name, {*known, *self.units})}"
+                f"There is no quantity '{name}'{_hint(name, {*known, *self.units})}"
             )
         return self.units.get(name, "")
 

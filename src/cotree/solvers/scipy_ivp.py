@@ -78,7 +78,7 @@ _MOST_IGNORED = 1000
 _FINE = 1e-2
 
 #: Message if a method such as Radau damps a growing mode, which its error estimate cannot detect.
-_DAMPED = "a mode grows faster than its steps can follow, which it damps: use 'rodas5'"
+_DAMPED = "its steps damp a mode that grows faster than they can resolve: use 'rodas5'"
 
 
 def solve_with_scipy(problem: Problem, method: str) -> Trajectory:

@@ -195,7 +195,7 @@ def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
             f"support {what}: use 'dop853' or 'rodas5', which run in C."
         )
     trajectory = _solve(problem, other)
-    message = f"{trajectory.message} {other} stood in for {method}: {why}."
+    message = f"{trajectory.message} {other} was used instead of {method}: {why}."
     return changed(trajectory, message=message)
 
 

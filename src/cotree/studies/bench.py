@@ -425,7 +425,7 @@ def _model(
         if names and names != source.sensitivities:
             raise ParameterError(
                 "a compiled model has the sensitivities that it was compiled with, "
-                f"{list(source.sensitivities)}: give the scene, or no others"
+                f"{list(source.sensitivities)}: give the scene, or omit sensitivities"
             )
         return source
     scene = source if isinstance(source, Scene) else load_scene(source)

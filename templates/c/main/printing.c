@@ -46,7 +46,7 @@ static int begin(void)
 #if COTREE_MAIN_GUARDS
     if (status < 0) return fail(MODEL->guards[-1 - status]);
 #endif
-    if (status != 0) return fail("the parameters cannot be prepared");
+    if (status != 0) return fail("the constants that depend on parameters cannot be computed");
 #if COTREE_MAIN_START
     memcpy(problem.z, start, sizeof start);
 #endif

@@ -28,7 +28,7 @@ COTREE_FMI_EXPORT void *FMI_FUNCTION(Instantiate)(fmi2String name, fmi2Type kind
         importer.callback = (void (*)(void))functions->logger;
     }
     if (kind != fmi2ModelExchange && kind != fmi2CoSimulation)
-        return fmu_reject(&importer, "there is no such type of unit");
+        return fmu_reject(&importer, "the interface type is unknown");
     return fmu_instantiate(&importer, token, kind == fmi2ModelExchange, 0);
 }
 

@@ -470,7 +470,7 @@ def test_what_runs_with_events_cannot_do(ball_model):
     scene.parameter("e", 1.0)
     scene.input("level", "t")
     scene.event("hit", "j.s - level - 1", set={"j.s_dot": "e"})
-    with pytest.raises(ParameterError, match="input 'level' decides when an event occurs"):
+    with pytest.raises(ParameterError, match="input 'level' affects when an event occurs"):
         scene.compile(["e"]).simulate((0, 1), inputs={"level": 1.0})
     with pytest.raises(KeyError, match="There is no event 'hip'; did you mean 'hit'"):
         scene.compile(["e"]).simulate((0, 1)).event_sensitivity("hip", "e")

@@ -88,7 +88,7 @@ def wanted_platforms(names: Sequence[str] | None, version: int) -> list[Platform
         if own is None or not PLATFORMS[own].folder(version):
             raise CodegenError(
                 f"FMI {version} has no name for this machine: give platforms=[] for an FMU of "
-                "sources, or name others"
+                "sources, or name other platforms"
             )
         names = [own]
     if isinstance(names, str):
@@ -129,9 +129,7 @@ def _toolchain(row: Platform, *, is_own: bool) -> Toolchain:
             )
         return found
     if importlib.util.find_spec("ziglang") is None:
-        raise BuildError(
-            f"a library for {row.name} is made by zig: install it with pip install 'cotree[zig]'"
-        )
+        raise BuildError(f"compiling for {row.name} needs zig: run `pip install 'cotree[zig]'`")
     command = (sys.executable, "-m", "ziglang", "cc", "-target", row.target)
     return Toolchain(command, "zig", "zig")
 
@@ -182,7 +180,7 @@ def choose(
     """Return the checked options of an FMU; raise CodegenError if one is unknown."""
     wanted = check_names(kinds, "kinds")
     if version not in VERSIONS or isinstance(version, bool):
-        raise CodegenError(f"there is no FMI {version} here: give version 2 or 3")
+        raise CodegenError(f"FMI version {version} is not supported: give version 2 or 3")
     check_known(wanted, KINDS, "there is no kind of FMU", error=CodegenError)
     if not wanted:
         raise CodegenError("an FMU needs a kind: give ModelExchange, CoSimulation or both")
@@ -348,7 +346,8 @@ def _outside(program: Program, wanted: Sequence[str] | None) -> tuple[int, ...]:
         if depends:
             raise CodegenError(
                 f"input '{name}' depends on '{depends[0]}', to which sensitivities are compiled: "
-                "it cannot be set from outside as well"
+                "an importer cannot set it; leave it out of inputs, or compile without this "
+                "sensitivity"
             )
     return tuple(i for i, name in enumerate(known) if name in wanted)
 

@@ -293,7 +293,10 @@ class Listing:
         counts += [n_y, len(layout.events), n_y * m, self.n * m]
         self.firsts = [sum(counts[:i]) for i in range(len(counts) + 1)]
         if self.firsts[-1] > 2**31 - 1:
-            raise CodegenError("the scene has too many variables for an FMU")
+            raise CodegenError(
+                "the scene has too many variables for an FMU: compile fewer sensitivities or "
+                "outputs"
+            )
         self.given = {"time"}
         # Names of the scene have priority; a derived name that is taken gets a number.
         named = (layout.parameters, layout.inputs, layout.outputs, layout.states)

@@ -78,7 +78,7 @@ def _undetermined(terminals: Terminals, variable: Variable) -> str:
     name = row.across[0] if variable[0].startswith("across") else row.through
     return (
         f"the law of '{port.name}' does not depend on its own {name}, which nothing else "
-        "determines: let it depend on that, or remove the edge"
+        "determines: make the law depend on it, or remove the edge"
     )
 
 

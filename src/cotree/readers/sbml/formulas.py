@@ -193,7 +193,9 @@ class FormulaReader:
         if self._count[0] > _MOST:
             raise ExpressionError(f"has more than {_MOST} operations with functions expanded")
         if self._total[0] > _MOST_OF_ALL:
-            raise ExpressionError(f"brings all formulas to more than {_MOST_OF_ALL} operations")
+            raise ExpressionError(
+                f"increases the operations of all formulas to more than {_MOST_OF_ALL}"
+            )
         if node is None:
             raise ExpressionError("contains an operation without an operand")
         return kind_of(node)

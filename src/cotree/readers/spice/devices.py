@@ -484,7 +484,7 @@ def _without_signs(line: Line) -> tuple[str, ...]:
     words = line.words[1:]
     for before, word in pairwise(words):
         if word == "=" and before.lower() not in ("dc", "ac"):
-            raise line.at.error(f"{line.name} has no '{brief(before)}' that is modelled here")
+            raise line.at.error(f"'{brief(before)}' of {line.name} is not supported")
     return tuple(word for word in words if word != "=")
 
 
@@ -492,7 +492,7 @@ def _controlled(place: Instance, line: Line) -> None:
     word = line.words[3].lower() if len(line.words) > 3 else ""
     if word == "table":
         raise line.at.error(
-            f"{line.name} has a TABLE, which is not read: write an expression with VALUE="
+            f"{line.name} has a TABLE, which is not supported: write an expression with VALUE="
         )
     if word == "poly":
         add_polynomial(place, line)

@@ -324,8 +324,8 @@ class SpiceFormula(Rewriter):
         if not (is_even or isinstance(base, ast.Constant)):
             if self._signal is not None:
                 self._scope.remark(
-                    "powers of voltages and currents are those of their sizes, as in ngspice: "
-                    "write products where signs are to stay"
+                    "powers of voltages and currents use absolute values, as in ngspice: write "
+                    "products to keep signs"
                 )
             base = fill("abs(a)", base)
         return fill("a**b", base, exponent)
