@@ -1,8 +1,8 @@
 """C files of models and integrators, for C projects and for the engines that Python calls.
 
-SUNDIALS is called without the headers of SUNDIALS: ``templates/runtime/sundials/cotree_sundials.h``
-declares the functions, with a conditional part for each library. CVODES and IDAS are CVODE and IDA
-with one more vector for each sensitivity.
+The headers of SUNDIALS are not used: ``templates/runtime/sundials/cotree_sundials.h`` declares the
+functions, with a conditional part for each library. CVODES and IDAS are CVODE and IDA with one more
+vector for each sensitivity.
 """
 
 from __future__ import annotations

@@ -318,7 +318,7 @@ class Assign(Simple):
 
 @dataclass(frozen=True, slots=True)
 class LeaveUnless(Simple):
-    """Return -``number`` from the function unless ``value > 0``, or ``>= 0`` if not strict."""
+    """A return of -``number`` unless ``value > 0``, or ``value >= 0`` if not strict."""
 
     parts = ("value", "number")
     value: CExpression

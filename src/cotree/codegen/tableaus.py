@@ -38,8 +38,8 @@ class Tableau:
     def probe(self) -> int:
         """Index of the latest stage at the end of a step, apart from the last stage."""
         # The stiffness test (Hairer and Wanner, section IV.2) compares two stages at the end of a
-        # step, which are nearly the same point. The largest eigenvalue is estimated as the
-        # difference of their rates over the difference of their points.
+        # step, at nearly the same point. The largest eigenvalue is estimated as the difference of
+        # their rates over the difference of their points.
         return max(i for i, node in enumerate(self.nodes, 1) if node == "1.0")
 
     @property

@@ -156,7 +156,7 @@ def _controlled(
     name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
 ) -> Component:
     """Build a source of voltage or current, controlled by a voltage or current."""
-    # The power of the controlled port does not come from the controlling port: none is passive.
+    # The controlling port does not supply the power of the controlled port: neither is passive.
     measured = "across_control" if by_voltage else "through_control"
     law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
     if gives_voltage:

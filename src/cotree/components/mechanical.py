@@ -152,7 +152,7 @@ def _stop(m: _Motion) -> Component:
 
 
 def _backlash(m: _Motion) -> Component:
-    """Build a backlash with two elastic limits, of which a scene may omit one."""
+    """Build a backlash with two elastic limits; a scene may omit one."""
     below = f"{m.length} below which the lower limit is in contact"
     above = f"{m.length} above which the upper limit is in contact"
     damping = "damping in contact; the contact never pulls"

@@ -134,7 +134,7 @@ def _coupled(
     is_passive: bool,
 ) -> Component:
     """Build a component of two ports; the law of each depends on the other port's variables."""
-    # Each port has two laws, of which the tree selects one.
+    # Each port has two laws; the tree selects one of them.
     made = [Law.taking((argument, field.name), law) for argument, law in laws]
     terminals = (
         Terminal(

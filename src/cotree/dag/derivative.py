@@ -1,6 +1,6 @@
 """Derivatives of nodes: forward (tangents) and reverse (adjoints).
 
-Component laws and expressions are differentiated here, and sensitivity graphs are checked with it.
+Component laws and expressions are differentiated here. Tests check sensitivity graphs against this.
 
 ``sqrt(max(x, 0))``, ``max(x, 0)**0.7``, ``sqrt(x + abs(x))`` and ``acos(min(x, 1))`` are constant
 in one branch, in which the chain rule would multiply an infinite slope by zero. The derivative is

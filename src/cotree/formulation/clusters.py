@@ -287,7 +287,7 @@ class _Walks:
         first = len(self.branches) + 1
         if turning == step:
             place = self._along(step, inner, inner)
-            # Branches were formed: an empty motion space forms none.
+            # An empty motion space forms no branch.
             if place is not inner:
                 entry = EdgeEntry(step.sign, first, place.cluster)
                 self.entries["translation"][step.edge] = entry
@@ -322,7 +322,7 @@ class _Walks:
         edge, sign, child = self.system.edges[step.edge], step.sign, len(self.branches) + 1
         dag = self.system.dag
         zero, units = vector.zeros(dag), vector.identity(dag)
-        # At zero coordinates, the child and its node have the rotations of their turn parents.
+        # At zero coordinates, the axes of the child and of its node are those of ``turned``.
         inner, outer = turned.cluster, Point(child, zero, turned.turn)
         carrier = inner if sign > 0 else child
         mount: Matrix | None = None

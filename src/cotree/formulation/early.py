@@ -124,7 +124,7 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
             found = np.array(evaluate(entries, _random_state(first, symbols, random)), dtype=float)
         if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
-        # A regular matrix in one configuration is sufficient.
+        # There is no such motion if the matrix is regular in one configuration.
         rows = found.reshape(-1, n)
         motion = _null_vector(rows, least)
         if motion is None:

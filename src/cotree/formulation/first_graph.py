@@ -311,7 +311,7 @@ def form_first_graph(
 def _measured(
     observer: Observer, reacting: Collection[str], scene: SceneDescription
 ) -> tuple[dict[Node, Node], frozenset[Node]]:
-    """Return the across variables in fields; also those that depend on accelerations."""
+    """Return the values of across variables in fields; also symbols that need accelerations."""
     motion, found = observer.motion, {}
     symbols = motion.system.signals.gathered()
     for name, symbol in symbols.items():

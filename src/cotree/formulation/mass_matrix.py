@@ -91,7 +91,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
 
 
 def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
-    """Return whether each coordinate moves inertia of its joint's cluster, and guards for this."""
+    """Return whether each coordinate certainly moves inertia, and guards that ensure this."""
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
     # Negative energy of a cluster reduces the inertia of every joint that moves it.

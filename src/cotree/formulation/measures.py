@@ -219,7 +219,7 @@ class Measure(Protocol):
         """Return the value, or None for a nonholonomic measure."""
 
     def rate(self, view: View) -> Any:
-        """Return the rate."""
+        """Return the time derivative of the value."""
 
     def acceleration(self, view: View) -> Any:
         """Return the time derivative of the rate."""
@@ -292,17 +292,17 @@ class AxisLength:
     axis: Carried
 
     def value(self, view: View) -> Any:
-        """Return e.r."""
+        """Return e.r, with the axis e and the vector r between the nodes."""
         return vector.dot(self.axis.value(view), self.ends.reach(view))
 
     def rate(self, view: View) -> Any:
-        """Return e.r' + e'.r."""
+        """Return e.r' + e'.r, the rate of e.r."""
         return vector.dot(self.axis.value(view), self.ends.closing(view)) + vector.dot(
             self.axis.rate(view), self.ends.reach(view)
         )
 
     def acceleration(self, view: View) -> Any:
-        """Return e.r'' + 2 e'.r' + e''.r."""
+        """Return e.r'' + 2 e'.r' + e''.r, the second derivative of e.r."""
         reach, closing, opening = (
             form(view) for form in (self.ends.reach, self.ends.closing, self.ends.opening)
         )
@@ -330,15 +330,15 @@ class Distance:
         return vector.polar(self.ends.reach(view))
 
     def value(self, view: View) -> Any:
-        """Return |r|."""
+        """Return |r|, the length of the vector r between the nodes."""
         return self._polar(view)[0]
 
     def rate(self, view: View) -> Any:
-        """Return e.r' with the direction e of r."""
+        """Return e.r', the rate of |r|, with the direction e of r."""
         return vector.dot(self._polar(view)[1], self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
-        """Return e.r'' + (r'.r' - (e.r')^2) / |r|."""
+        """Return e.r'' + (r'.r' - (e.r')^2) / |r|, the rate of e.r'."""
         length, direction = self._polar(view)
         closing, rate = self.ends.closing(view), self.rate(view)
         # Centripetal: squared velocity across the line over length; singular if nodes coincide.
@@ -360,7 +360,7 @@ class Cosine:
     b: Carried
 
     def value(self, view: View) -> Any:
-        """Return a.b."""
+        """Return a.b, the scalar product of both directions."""
         return vector.dot(self.a.value(view), self.b.value(view))
 
     def _moment(self, view: View) -> Any:
@@ -368,7 +368,7 @@ class Cosine:
         return vector.cross(self.b.value(view), self.a.value(view))
 
     def rate(self, view: View) -> Any:
-        """Return (b x a).spin."""
+        """Return (b x a).spin, the rate of a.b, with the relative angular velocity."""
         return vector.dot(self._moment(view), self.ends.spin(view))
 
     def acceleration(self, view: View) -> Any:

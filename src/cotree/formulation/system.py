@@ -83,7 +83,7 @@ class Step:
 
 @dataclass(frozen=True)
 class System:
-    """A scene of which symbols and fields are nodes of one program."""
+    """A scene whose symbols and fields are nodes of one program."""
 
     dag: Dag  # arena of all nodes
     time: Node  # symbol of time in the program

@@ -132,9 +132,8 @@ def inertial_wrench(
 ) -> Wrench:
     """Return the terminal equation of a lumped inertia: its wrench at the cluster's origin.
 
-    The force is ``m a + A h``, the torque ``h x a + J alpha + omega x (J omega)``, with first
-    moment h, second moment J, acceleration a of the origin; A = [alpha]x + [omega]x[omega]x.
-    See [1] eq. 3.
+    The force is ``m a + A h``, the torque ``h x a + J alpha + omega x (J omega)``, with A =
+    [alpha]x + [omega]x[omega]x, moments h and J, and acceleration a of the origin ([1] eq. 3).
     """
     origin, matrix = across.origin[cluster], across.matrix[cluster]
     force = vector.add(vector.scale(inertia.mass, origin), vector.times(matrix, inertia.moment))

@@ -36,7 +36,7 @@ class LinearSolver(Protocol):
 
 
 class RankedSolver(LinearSolver, Protocol):
-    """Factorised equations, of which some may be redundant."""
+    """Factorised equations, some of which may be redundant."""
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side.

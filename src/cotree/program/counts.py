@@ -1,9 +1,8 @@
 """Costs of a program: numbers of operations, and processor cycles estimated by a simple model.
 
-A modern processor starts two independent operations per cycle. The time is thus bounded by the
-number of operations and by the latency of the longest path through the values. The model adds a
-fraction of the shorter of these two times to the longer one. Its numbers are rounded values for
-common 64-bit processors.
+A modern processor starts two independent operations per cycle, so the number of operations bounds
+the time; so does the latency of the longest path. The model adds a fraction of the shorter of these
+two times to the longer one. Its numbers are rounded values for common 64-bit processors.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class Layout:
     constraint_edges: tuple[str, ...]  # edge of each constraint that has a multiplier
     n_coordinates: int  # number of coordinates, which are the first states
     n_speeds: int  # number of speeds, which follow the coordinates
-    #: Whether each state is an algebraic unknown; these come last, and residuals are their rates.
+    #: Whether each state is an algebraic unknown; these come last, and their rates are residuals.
     algebraic: tuple[bool, ...]
     quaternions: tuple[int, ...]  # index of the first state of each quaternion
     given: tuple[bool, ...]  # whether the scene prescribes the initial value of each state

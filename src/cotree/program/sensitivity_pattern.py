@@ -226,7 +226,7 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
     """Return groups of algebraic unknowns that equations connect."""
     cut = len(equations.states) - equations.n_algebraic
     masks = [1 << i for i in range(cut, len(equations.states))]
-    # Groups are bit masks. Each equation merges all groups of which it contains an unknown.
+    # Groups are bit masks. Each equation merges the groups of its unknowns.
     for i, (mask, _) in rates:
         if i < cut:
             continue
@@ -288,8 +288,8 @@ def _moved(
         causes = event.causes
         moved |= {target for target, k in causes.items() if k in depending or target in reached}
         if is_timed:
-            # If the time of an event depends on the parameter, so do the states that the event sets
-            # and the states whose rates it changes.
+            # If the time of an event depends on the parameter, the states that the event sets, and
+            # the states whose rates it changes, depend on it too.
             moved |= {target for target, k in causes.items() if _moves(equations, parts, target, k)}
             moved |= along.users(causes).union(*(choosers[target] for target in causes))
     return moved

@@ -43,7 +43,7 @@ class NetworkTangents:
 
 
 def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key, Node]]:
-    """Regroup derivatives from keys to directions."""
+    """Group derivatives by direction instead of by key."""
     found: defaultdict[Hashable, dict[_Key, Node]] = defaultdict(dict)
     for key, row in rows:
         for direction, node in row.items():

@@ -2,9 +2,8 @@
 
 A rule is a sum (an f-circuit or f-cutset equation) or a law (a terminal equation). The derivative
 of a sum is a sum, and the derivative of a law is a sum with partial derivatives as factors.
-Therefore a sensitivity graph has the same topology as the network (paper, Eq. (4)). The partial
-derivatives of a law are computed only once, even if the law is solved for a rate or differentiated
-in time.
+Therefore sensitivity graphs have the topology of the network (paper, Eq. (4)). Partial derivatives
+of a law are computed only once, even if the law is solved for a rate or differentiated in time.
 """
 
 from __future__ import annotations
@@ -408,7 +407,7 @@ def rate_name(name: str) -> str:
 
 
 def higher_index(port: Port) -> FormulationError:
-    """Return the error for an edge of which no equation determines the rate of change."""
+    """Return the error for an edge if no equation determines its rate of change."""
     if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
         why = (
             "sources, gyrators or other storages determine its rate of change, which would have to"

@@ -219,7 +219,7 @@ def _conductances(
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
 ) -> dict[Variable, Node] | None:
-    """Return the conductances of a block's resistances, without nonlinear branches; or None."""
+    """Return the conductances of a block's linear resistances; None if potentials are no option."""
     unknowns = set(block.unknowns)
     symbols = {values[unknown] for unknown in unknowns}
     found: dict[Variable, Node] = {}
@@ -310,7 +310,7 @@ def factorise_block(
     ``is_safe`` means that the matrix, if it is symmetric, is positive definite in every state. The
     first ``n_determined`` unknowns must have a unique solution.
     """
-    # A symmetric positive definite matrix is stable with any order of pivots.
+    # For a symmetric positive definite matrix, any order of pivots is stable.
     if is_safe and _is_symmetric(matrix):
         return factorise_definite(dag, matrix)
     n = range(len(matrix))
@@ -338,7 +338,7 @@ _MANY_BENT = 24
 
 @dataclass(frozen=True)
 class SolvedBlock:
-    """A block of which the linear unknowns have been eliminated."""
+    """A block after the elimination of its linear unknowns."""
 
     #: Linear unknowns and their equations; nonlinear unknowns and their equations.
     linear: tuple[tuple[Variable, Variable], ...]

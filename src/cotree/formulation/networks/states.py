@@ -54,7 +54,7 @@ class Held:
 
 
 class _Use(IntEnum):
-    """Reason to make an edge whose position is needed a branch, in decreasing priority."""
+    """Reasons to choose an edge as a branch of the tree of positions, most important first."""
 
     BALANCE = 0  # determined by a balance of springs
     GIVEN = 1  # has an initial value
@@ -69,7 +69,7 @@ def position_trees(
     topologies: Mapping[str, Topology],
     used: AbstractSet[str],
 ) -> dict[str, Topology]:
-    """Choose the trees of positions, of which needed branches are states.
+    """Choose the trees of positions; branches whose position is needed are states.
 
     In order of preference, branches are springs whose stretch a balance of springs determines,
     edges with an initial value, edges whose laws depend on their position, and edges in ``used``;

@@ -141,7 +141,7 @@ class Terminals:
         if name in self.couplings and port.terminal.integral is None:
             motion = self.couplings[name]
             return FieldRule(motion.value if quantity == "stretch" else motion.rate)
-        # The stretch is an integral, of which the law defines the rate.
+        # The rate of a stretch is the law of its integral.
         if quantity != "stretch":
             integral = integral_of(port.terminal)
             assert integral is not None

@@ -38,7 +38,7 @@ class Topology:
 
     domain: str  # physical domain of the graph, such as ``electrical``
     tree: Tree  # the graph's normal tree, or its tree of positions
-    #: Quantities that circuits sum: of a single branch, and of several branches.
+    #: Quantities that circuits sum: along a single branch, and along several branches.
     across: str = "across"
     prefix: str = "path"
 
@@ -142,8 +142,8 @@ class Topology:
     def _cuts(self) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
         """For each branch: count, sum of numbers and sum of directions of the chords in its cutset.
 
-        Also return the branches of which a chord in the cutset is not in the cutset of the next
-        inner branch, because its circuit closes at the node between both branches.
+        Also return the branches with a chord in their cutset that the next inner branch does not
+        share, because the circuit of this chord closes at the node between both branches.
         """
         # For each node: number of chord ends, sum of chord numbers, sum of directions. Suffix sums
         # turn them into totals over the part of the tree beyond each branch.
@@ -174,7 +174,7 @@ class Topology:
         return found, open_branches
 
     def _crossing(self, branch: str) -> list[tuple[int, int]]:
-        """Return the chords of which exactly one end is beyond a branch."""
+        """Return the chords that have exactly one end beyond a branch."""
         found, waiting = [], [branch]
         while waiting:
             name = waiting.pop()
@@ -187,12 +187,12 @@ class Topology:
         return {place.branch: node for node, place in self._places.items() if place.branch}
 
     def crossing(self, branch: str) -> dict[str, int]:
-        """Return the chords, with signs, of which the sum is a branch's through variable."""
+        """Return the chords, with signs, that sum to a branch's through variable."""
         chords, sign = self.tree.chords, -self._sign(branch)
         return {chords[number]: sign * own for number, own in self._crossing(branch)}
 
     def along(self, chord: str) -> dict[str, int]:
-        """Return the branches, with signs, of which the sum is a chord's across variable."""
+        """Return the branches, with signs, that sum to a chord's across variable."""
         edge = self.tree.graph.edge(chord)
         ancestor = self._ancestor(edge.tail, edge.head)
         found = {}
