@@ -98,7 +98,7 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))),
-            # The columns of the differential states come first, then those of the unknowns.
+            # The last columns of these rows belong to the unknowns.
             lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
             self.cut,

@@ -239,7 +239,7 @@ class Structure:
     def sensitivity_pattern(self) -> npt.NDArray[np.bool_]:
         """Mask of the sensitivities that may be nonzero, shape (n_states, n_sensitivities).
 
-        A sensitivity marked False is identically zero, since the state does not depend on the
+        A sensitivity marked False is identically zero, because the state does not depend on the
         parameter. It is neither computed nor integrated. The columns are in the order of
         ``sensitivities``.
 

@@ -274,7 +274,7 @@ class Linearizer:
 
     @cached_property
     def _turns(self) -> dict[int, int]:
-        """Index of the first angular velocity by the index of the first quaternion entry."""
+        """Index of an edge's first angular velocity, by the index of its first quaternion entry."""
         equations, names = self._equations, list(self.states)
         symbols = [state.symbol for state in equations.states]
         return {

@@ -472,7 +472,7 @@ def _hint(rows: Iterable[RedundantRow]) -> str:
 
 
 def _origin(states: Sequence[str], t: float) -> str:
-    """Name the states or sources that determine a value."""
+    """Return the names of the states or sources that determine a value."""
     if not states:
         return f"the sources at t = {t:g}"
     return ", ".join(f"'{name}'" for name in states)

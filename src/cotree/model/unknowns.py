@@ -81,7 +81,7 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     none, model, p, u = np.zeros(0), at.model, at.p, at.u
     rhs, layout = model.bound("rhs", p), model.layout
     n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic
-    # Only the rows of the algebraic equations are factorised.
+    # The matrix to factorise has only the rows of the algebraic equations.
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 

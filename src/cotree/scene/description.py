@@ -51,7 +51,7 @@ RULES: dict[str, str] = {
 
 
 def check_allowed(entries: object) -> tuple[str, ...]:
-    """Check a list of allowed findings, each ``rule`` or ``rule:name``."""
+    """Return a checked list of allowed findings, each ``rule`` or ``rule:name``."""
     if not isinstance(entries, (list, tuple)) or not all(isinstance(e, str) for e in entries):
         raise SceneError("allow must be a list of texts: ['unused-parameter:L']")
     for entry in entries:
@@ -115,7 +115,6 @@ class SceneDescription(Reported):
     @property
     def nodes(self) -> tuple[str, ...]:
         """Names of the nodes: the reference, then all others in order of appearance."""
-        # A dict removes duplicates and keeps the order of appearance.
         seen = dict.fromkeys(["ground"])
         for edge in self.edges.values():
             seen.update(dict.fromkeys(edge.nodes))

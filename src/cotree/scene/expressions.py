@@ -49,7 +49,7 @@ def read_tree(text: str) -> ast.expr:
             case ast.Attribute():
                 node.attr = node.attr.removesuffix(_MARK)
             case ast.Call(func=ast.Name(id="min" | "max") as extreme, args=args):
-                while len(args) > 2:  # combine two at a time
+                while len(args) > 2:  # combines two arguments at a time
                     args[:2] = [ast.Call(extreme, args[:2], [])]
     return tree
 
@@ -163,7 +163,7 @@ def finite(value: object) -> float | None:
         return None
     try:
         number = float(value)
-    except (TypeError, OverflowError):  # durations of NumPy are instances of integers
+    except (TypeError, OverflowError):  # raised for durations of NumPy, which count as integers
         return None
     return number if math.isfinite(number) else None
 
@@ -542,7 +542,7 @@ def _lower_condition(
                 accepted = dag.select(excess, *pair)
             return accepted
         case ast.BoolOp(op=op, values=parts):
-            # ``and`` is nested in the first value, ``or`` in the second one.
+            # ``and`` nests selections in the first value, ``or`` in the second one.
             for part in reversed(parts):
                 if isinstance(op, ast.And):
                     accepted = _lower_condition(part, dag, resolve, accepted, refused)
@@ -555,7 +555,7 @@ def _lower_condition(
 
 
 def _lower_call(dag: Dag, function: str, args: list[Node]) -> Node:
-    # Selections have derivatives: those of the selected value.
+    # A selection has the derivative of the selected value.
     if function == "max":
         return dag.select(args[0] - args[1], args[0], args[1])
     if function == "min":

@@ -39,7 +39,7 @@ def edge_statement(
 def check_fields(
     edge: str, component: Component, given: Mapping[str, Any]
 ) -> dict[str, FieldValue]:
-    """Check the stated fields of an edge, and add defaults for the others."""
+    """Return the checked fields of an edge, with defaults for fields that are not stated."""
     known = {row.name for row in component.fields}
     check_known(given, known, f"edge '{edge}' of type '{component.name}' has no field")
     fields: dict[str, FieldValue] = {}
@@ -61,7 +61,7 @@ def check_fields(
 def check_initial(
     edge: str, component: Component, given: Mapping[str, Any]
 ) -> dict[str, FieldValue]:
-    """Check the initial values of an edge."""
+    """Return the checked initial values of an edge."""
     if not isinstance(given, Mapping):
         raise SceneError(f"initial of edge '{edge}' must be a table of names and values")
     initial: dict[str, FieldValue] = {}
@@ -119,7 +119,7 @@ def _network_units(component: Component) -> dict[str, str]:
 
 
 def check_vector(value: object, where: str) -> tuple[Expression, ...]:
-    """Check a list of three numbers or expressions."""
+    """Return a checked list of three numbers or expressions."""
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be a list of three numbers or expressions")
     return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
@@ -175,7 +175,7 @@ def _inertia(value: object, where: str) -> FieldValue:
 
 
 def _rotation(value: object, where: str) -> FieldValue:
-    """Check a rotation: three angles, or three rows that form a rotation matrix."""
+    """Return a checked rotation: three angles, or three rows that form a rotation matrix."""
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
     rows = _rows(value, where)
@@ -199,14 +199,14 @@ def _rotation(value: object, where: str) -> FieldValue:
 
 
 def _rows(value: Sequence[Any], where: str) -> tuple[tuple[Expression, ...], ...] | None:
-    """Check three rows of a matrix; return None if the list contains no rows."""
+    """Return three checked rows of a matrix, or None if the list contains no rows."""
     if len(value) != 3 or not all(map(is_list, value)):
         return None
     return tuple(check_vector(row, f"row {i} of {where}") for i, row in enumerate(value, 1))
 
 
 def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
-    """Check a number, an expression or a pair (times, values)."""
+    """Return a checked number or expression, or the table of a pair (times, values)."""
     # An array without axes counts as a number; NumPy strings also have no axes.
     is_scalar = getattr(value, "shape", None) == () and not isinstance(value, str)
     if isinstance(value, Number) or is_scalar:
@@ -222,7 +222,7 @@ def parse_signal(value: object, where: str, unit: Unit | None = None) -> Express
 
 
 def converted(value: Expression, unit: Unit | None, where: str) -> Expression:
-    """Convert the value to SI if it is a number."""
+    """Convert a number to SI; raise UnitError if an expression has another unit."""
     if unit is None or unit.is_si:
         return value
     if value.number is None:

@@ -187,7 +187,7 @@ class _Rewriting:
         return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
 
     def is_located(self, tree: ast.expr) -> bool:
-        """Return whether a value has zeros, at which an expression may jump, at unknown times."""
+        """Return whether a value may cross zero, so that an expression jumps, at unknown times."""
         names = names_in(tree)
         if self._moves(names):
             return True

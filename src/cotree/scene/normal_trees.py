@@ -493,7 +493,7 @@ def _weight(port: Port) -> float:
         law = port.terminal.through
         if law is None or "across" in law.arguments:
             return _NEVER
-        # The elongation of a nonlinear spring would be an unknown of an equation.
+        # If a nonlinear spring is a branch, its elongation is an unknown of an equation.
         is_linear = port.terminal.storage is not None
         return own + 0.25 * (row.stretch in initial) + 0.5 * (not is_linear)
     # Voltages of junctions are better unknowns of nonlinear equations than their currents.

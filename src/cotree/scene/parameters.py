@@ -1,6 +1,6 @@
 """Parameters of a scene: numbers, and expressions derived from other parameters.
 
-A derived parameter is a node of the expression graph, so derivatives by its arguments include it.
+A derived parameter is a node of the expression graph, so derivatives include its effect.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A named number with unit and meaning, which may be changeable after compilation.
+    """A named number with unit and meaning; runs may change it if it is tunable.
 
     Attributes
     ----------

@@ -278,7 +278,7 @@ def _lines(file: str, changed: int, section: str) -> Mapping[tuple[str, str], in
         return statement_lines(stream.read(), section)
 
 
-#: Names with a meaning of their own before a dot, which parts must not have.
+#: Names that parts must not have, because expressions use them before a dot.
 _TAKEN = frozenset({"ground", "energy", *RESERVED})
 
 

@@ -126,7 +126,7 @@ def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Co
 
 
 def _heat_nodes(edge: str, value: object) -> tuple[str, str]:
-    """Check the node that receives heat, or the two nodes between which it is added."""
+    """Return the nodes between which heat is added: two stated ones, or one and the ground."""
     pair = (value, "ground") if isinstance(value, str) else value
     return _pair(edge, pair, f"{HEAT} of edge '{edge}'")
 
@@ -172,7 +172,7 @@ def _refuse_nodes(edge: str, nodes: Sequence[object]) -> None:
 
 
 def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
-    """Read the joint on which a port acts, or the two nodes that define its line of action."""
+    """Return the joint on which a port acts, or the two nodes that define its line of action."""
     if "joint" in rest:
         # The last word of the name may be a coordinate; this is decided when the joints are known.
         return PortEnds("", "", (check_path("joint", str(rest.pop("joint"))),))
@@ -198,7 +198,7 @@ def _by_terminal(
     for port in component.ports:
         # Inner nodes have names that a scene cannot state.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
-        if head == tail and "ground" in port.between:  # in species, outputs of amplifiers
+        if head == tail and "ground" in port.between:  # only for species and amplifier outputs
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"
@@ -220,7 +220,7 @@ def _counted(nodes: object) -> str:
 
 
 def _pair(edge: str, nodes: object, what: str, may_be_one: bool = False) -> tuple[str, str]:
-    """Check two nodes; if ``may_be_one``, they may be equal, and the across variable is zero."""
+    """Return two checked nodes, which may be equal only if ``may_be_one``."""
     if not is_list(nodes) or len(nodes) != 2:
         raise SceneError(f"{what} needs two nodes, as a list of their names{_counted(nodes)}")
     first, second = (check_path("node", node) for node in nodes)

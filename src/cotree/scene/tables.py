@@ -216,7 +216,7 @@ _OF_FIELDS = ("of", "x", "y", "interpolation", "beyond")
 
 
 def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
-    """Check a table over an expression, with ``of``, ascending ``x``, ``y``, and interpolation."""
+    """Return a table over an expression, from ``of``, ascending ``x``, ``y``, and interpolation."""
     if not {"of", "x", "y"} <= set(value) <= set(_OF_FIELDS):
         raise SceneError(
             f"{where} is a table: give 'of', an expression, and as many numbers 'x' as 'y'"

@@ -62,7 +62,7 @@ def advice(message: str, text: str) -> str:
     lines = text.split("\n")
     place = re.search(r"\(at line (\d+), column (\d+)\)", message)
     number = int(place[1]) if place else len(lines)
-    # If something is not closed, the parser reports the line after the error.
+    # If a bracket or quote is not closed, the parser reports the line after the error.
     while number > 1 and not lines[number - 1].strip():
         number -= 1
     line = brief(lines[number - 1], 80)

@@ -163,7 +163,6 @@ def _entry(field: Field) -> Entry:
     takes = field.shape.value
     if field.shape is Shape.SCALAR:
         takes = "constant" if field.constant and not field.timed else "value"
-    # The unit "1" is not shown.
     unit = "" if field.unit == "1" else field.unit
     return Entry(field.name, field.doc, takes, unit, field.required, field.default)
 

@@ -27,7 +27,7 @@ _LEAST_ROWS = 64
 
 
 def most_rows(width: int) -> int:
-    """Return the largest number of stored rows, each with ``width`` doubles."""
+    """Return how many rows of ``width`` doubles the memory limit permits."""
     return max(_LEAST_ROWS, MOST_STORED // (8 * max(1, width)))
 
 

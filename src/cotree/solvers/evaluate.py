@@ -207,7 +207,7 @@ class Evaluator:
 
     def _call(self, t: float, z: FloatArray) -> FloatArray:
         self.nfev += 1
-        # Copied, since solvers keep references to returned arrays, and kernels reuse their buffers.
+        # Copied, because solvers keep references to returned arrays and kernels reuse buffers.
         dz = np.array(self._evaluate(self.problem.rhs, t, z), dtype=np.float64)
         if dz.shape != z.shape:
             raise SolveError(

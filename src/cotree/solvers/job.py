@@ -54,7 +54,7 @@ class Callbacks(CObjects):
         return self.callback("cotree_input_function", evaluate)
 
     def reach(self, reach: Callable[[float, FloatArray], None], size: int) -> Any:
-        """Return the C function that C calls at the start of each segment between breakpoints."""
+        """Return a C function for ``reach``, called at the start of each segment."""
         ffi = self._ffi
 
         def call(t: float, z: Any, context: Any) -> int:
@@ -336,7 +336,7 @@ class Job:
 
     def begin(self, problem: Problem) -> None:
         """Begin a run; its values, times and functions may differ from those of the last run."""
-        assert problem.native is not None  # the problem has C code, as the first one
+        assert problem.native is not None  # all problems of a job have C code
         c, native = self.job, problem.native
         c[0] = self._blank[0]
         self._callbacks.errors.clear()

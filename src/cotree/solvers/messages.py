@@ -112,7 +112,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     if why:
         return why
     rates = np.array(problem.state_rhs(t, y))
-    # Algebraic unknowns are held constant, since their entries are residuals, not rates.
+    # Algebraic unknowns are held constant, because their entries are residuals, not rates.
     rates[problem.n_states - problem.n_algebraic :] = 0.0
     reach = min(abs(end - t), _SOON * max(abs(t - start), _SOON * abs(end - start)))
     # The distance grows from a few ulps of t by factors of four, to find the nearest cause.
@@ -135,7 +135,7 @@ def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
-    """Return sentences on the singular positions that a job crossed or at which it failed."""
+    """Return messages on the singular positions that a job crossed or at which it failed."""
     assert problem.singular is not None  # the problem has constraints
     sentences = []
     lost = problem.singular(float(job.job.t), job.z) if has_failed else ()
@@ -304,8 +304,8 @@ _EARLY, _LATE = 0.1, 0.9
 # uniform motion covers ten times the distance, and an accelerated motion a hundred times.
 _LEAST = 1e3
 
-# Minimum power of time that indicates unbounded growth. Counts and angles grow more slowly; an
-# exponential that has grown a thousandfold grows like the power 7.7 at its end.
+# Minimum exponent of time for unbounded growth. Counts and angles grow more slowly; an exponential
+# that has grown a thousandfold grows like the power 7.7 at its end.
 _LEAST_POWER = 7.0
 
 # Messages on failures that rounding errors of forces may also cause.
@@ -453,7 +453,7 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     early, late = t <= _EARLY * t[-1], t >= _LATE * t[-1]
     with np.errstate(all="ignore"):
         floor = problem.state_atol / problem.settings.rtol
-        # Algebraic unknowns are not considered, since their initial values may be guesses.
+        # Algebraic unknowns are not considered, because their initial values may be guesses.
         ranges = np.maximum(np.max(y[:, early], axis=1), floor)
         ranges[n - problem.n_algebraic :] = np.inf
         last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)

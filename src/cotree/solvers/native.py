@@ -94,7 +94,7 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
         point = np.ascontiguousarray(z[:, j])
         left = [] if problem.held is None else [problem.held.constraint_residuals(at, point)]
         if cut < n:
-            assert problem.state_rhs is not None  # a problem in C has a model
+            assert problem.state_rhs is not None  # problems in C have rates
             left.append(np.array(problem.state_rhs(at, point[:n])[cut:]))
         columns.append(np.concatenate(left))
     names = (*problem.constraints, *problem.names[cut:])

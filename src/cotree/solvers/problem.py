@@ -43,8 +43,8 @@ DENSE_LIMIT = 100
 #: Minimum relative tolerance, as in SciPy; below it the error test measures only rounding errors.
 RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
 
-#: Absolute tolerance of sensitivities outside the error test. It is finite, and so is its square,
-#: because the norms of LSODA and SUNDIALS would compute 0 * inf.
+#: Absolute tolerance of sensitivities outside the error test. If it were infinite, norms of LSODA
+#: and SUNDIALS would be 0 * inf; the square of this number is finite, too.
 UNTESTED = 1e100
 
 

@@ -151,7 +151,7 @@ class RunRecord(Reported):
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all values: the functions of deferred fields cannot be pickled."""
+        """Return all values, because the functions of deferred fields cannot be pickled."""
         own = vars(self)
         for name in own.get(_PENDING, ()):
             getattr(self, name)

@@ -71,7 +71,7 @@ def _norm(scaled: FloatArray) -> float:
 
 _one_at_a_time = threading.RLock()
 
-# A run ends after this number of evaluations with nan rates, after which methods shorten a step.
+# If rates are nan, methods shorten a step. This number of such evaluations ends a run.
 _MOST_IGNORED = 1000
 
 # Maximum rounding error of the time of a stored step, relative to the time since the last one.

@@ -84,7 +84,7 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     is_spent = problem.settings.max_steps is not None and taken >= problem.settings.max_steps
     if is_spent or (limit is not None and limit <= 0) or not has_sundials():
         return first
-    # Inputs are sampled in a single integration only.
+    # Sampled inputs permit only a single integration.
     if refusal("ida", problem) or problem.reach is not None:
         return first
     second = _solve(changed(problem.with_settings(time_limit=limit), steps_taken=taken), "ida")
@@ -302,7 +302,7 @@ class Probe:
     def rates(self) -> Rates:
         """Compute the rates of the modes."""
         problem, explicit = self._problem, self._explicit
-        # With algebraic unknowns or sampled inputs, separate steps are taken.
+        # With algebraic unknowns or sampled inputs, the trial steps are not steps of the run.
         if explicit != "dop853" or problem.reach is not None or problem.n_algebraic:
             return self._by_eigenvalues(_loose_steps(problem, explicit))
         start, first = (float(problem.settings.t_span[0]), problem.z0), None

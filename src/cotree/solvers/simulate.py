@@ -46,7 +46,7 @@ def observed(
 ) -> dict[str, Any]:
     """Return the outputs, inputs and events of a record; see :func:`deferred`.
 
-    The sensitivities of outputs in ``left_out`` are set to nan, since they are not unique.
+    The sensitivities of outputs in ``left_out`` are set to nan, because they are not unique.
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
     native, u = problem.native, problem.u

@@ -253,7 +253,7 @@ def rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Proble
         wanted = wanted if len(wanted) else np.array([own.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
     taken = problem.steps_taken + work.n_steps
-    # The new limit of steps is only compared with zero: `steps_taken` contains these steps.
+    # The remaining steps are only tested here, not stored: `steps_taken` includes these steps.
     if own.max_steps is not None:
         steps = own.max_steps - taken
     if own.max_events is not None:

@@ -189,7 +189,7 @@ def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> f
 def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
     """Raise an error for an event that a run would handle incorrectly at the start."""
     value, is_known = _at_start(scene, event, begin)
-    # An event function that is zero at the start fires if it rises; this is known only for times.
+    # The event occurs at the start if its function is zero and rises; this is known only for times.
     is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
     is_early = value == 0.0 and begin.holds_at_zero
     if is_early if event.is_initially_true else is_late:

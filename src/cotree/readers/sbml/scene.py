@@ -132,7 +132,6 @@ class SceneWriter(Generic[_Scene]):
         self.scene.origin = Origin(self.file, notes, changed)
         return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
 
-    # Symbols in formulas.
 
     def _known(self, id: str) -> None:
         after = ", which is not a compartment, species, parameter or reaction"
@@ -171,7 +170,6 @@ class SceneWriter(Generic[_Scene]):
         with explained(formula):
             return reader.read(formula.node, bound).text
 
-    # Quantities.
 
     def _quantity(self, id: str, quantity: Quantity) -> None:
         own = self.names[id]
@@ -260,7 +258,6 @@ class SceneWriter(Generic[_Scene]):
         with located(formula.at):
             self.scene.edge(edge, "molar_flow_source", "ground", own, flow=number_or_text(text))
 
-    # Reactions.
 
     def _bound(self, reaction: Reaction) -> dict[str, Term]:
         """Declare the local parameters of a reaction, and return their terms by identifier."""
@@ -317,7 +314,6 @@ class SceneWriter(Generic[_Scene]):
             edge = self.namer.own(f"{reaction}_{own}")
             self.scene.edge(edge, "molar_flow_source", *nodes, flow=flow)
 
-    # Events.
 
     def _events(self) -> list[Callable[[], None]]:
         """Declare all events; return checks to be called when all parameters are declared."""

@@ -131,7 +131,7 @@ def assignments(line: Line) -> dict[str, tuple[str, str]]:
 
 
 def split_settings(words: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split words into those before the first ``name = value``, and all later ones."""
+    """Return the words before the first ``name = value``, and the remaining words."""
     at = words.index("=") - 1 if "=" in words else len(words)
     return words[: max(at, 0)], words[max(at, 0) :]
 

@@ -185,7 +185,7 @@ class Writer(Sheet[_Scene]):
         words, given = split_settings(line.words[1:])
         words = tuple(word for word in words if word.lower() != "params:")
         outer.check_name(line)
-        # This also rejects a subcircuit that contains itself.
+        # This limit also rejects a subcircuit that contains itself.
         if depth >= _DEEPEST:
             raise line.at.error(f"subcircuits within more than {_DEEPEST} others")
         if not words:
@@ -202,10 +202,10 @@ class Writer(Sheet[_Scene]):
         for pin, node in zip(circuit.pins, words[:-1], strict=True):
             # A pin is connected to a node of the outer circuit.
             self.nodes[path, pin.lower()] = outer.node(node)
-        # Other names refer to the circuit in which the subcircuit is defined.
+        # Names that the subcircuit does not define refer to the circuit in which it is defined.
         inner = Scope({}, home.scope, circuit.functions)
         place = Instance(self, circuit, inner, path, home, outer.count)
-        # As in ngspice, values of the instance precede ``.param`` of the subcircuit, then defaults.
+        # As in ngspice, the priority is: instance, ``.param`` in the subcircuit, defaults.
         rows = {name: (name, word, line.at) for name, word in circuit.defaults.items()}
         rows |= {row[0].lower(): row for row in circuit.parameters}
         # As in ngspice, ``m`` is an ordinary parameter if the subcircuit declares it.

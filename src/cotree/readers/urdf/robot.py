@@ -70,7 +70,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
 
 
 def check_mimics(joints: Iterable[Joint]) -> None:
-    """Raise an error for mimics of joints with other than one coordinate, and for cycles."""
+    """Raise an error if mimics form a cycle, or involve joints without exactly one coordinate."""
     by_name = {joint.name: joint for joint in joints}
     for joint in by_name.values():
         # A fixed joint has no coordinate.

@@ -52,7 +52,7 @@ def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
         [-sp, cp * sr, cp * cr],
     ]
-    rows = [[entry + 0.0 for entry in row] for row in rows]  # converts negative zeros to positive
+    rows = [[entry + 0.0 for entry in row] for row in rows]  # makes negative zeros positive
     identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     # Without a rotation, the equations need no product with the matrix.
     return None if rows == identity else rows
