@@ -14,7 +14,7 @@ void cotree_release_branches(cotree_events *e)
 {
     int i;
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
-        if (e->rows[i].kind == COTREE_KINK) e->branches[e->rows[i].branch] = COTREE_F(0.0);
+        if (e->events[i].kind == COTREE_KINK) e->branches[e->events[i].branch] = COTREE_F(0.0);
     }
 }
 
@@ -53,7 +53,7 @@ static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cot
     }
     status = cotree_compute_values(e, t, e->point);
     for (k = 0; k < e->n_events && status == 0; ++k) {
-        const cotree_event *const row = e->rows + k;
+        const cotree_event *const row = e->events + k;
         if (row->kind != COTREE_JUMP ||
             !((cotree_real)row->direction * e->jumps.values[k] > COTREE_F(0.0)))
             continue;
@@ -69,7 +69,7 @@ static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cot
 static int compute_effect(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                           cotree_real far, cotree_real *value, cotree_real *effect)
 {
-    cotree_real *const width = e->branches + e->rows[i].branch;
+    cotree_real *const width = e->branches + e->events[i].branch;
     int k, status = step_aside(e, t, w, far);
     *value = e->jumps.values[i];
     *width = -COTREE_F(1.0);
@@ -114,7 +114,7 @@ static int set_band(cotree_events *e, int i, cotree_real t, const cotree_real *w
     if (status == 0 && found == DRIVES_AWAY && is_at_rest(e, i, t, w))
         return cotree_fail(e, i, t, COTREE_EVENTS_LEAVES_ROOT);
     e->failure = 0; /* the equations may have no solution at this point */
-    e->branches[e->rows[i].branch] =
+    e->branches[e->events[i].branch] =
         (status == 0 && found == DRIVES_TO_ZERO ? COTREE_F(1.0) : NARROW_SHARE) *
         cotree_zero_band(e, i);
     return 0;
@@ -125,7 +125,7 @@ static int set_band(cotree_events *e, int i, cotree_real t, const cotree_real *w
  * instantly. */
 static int settle_at(cotree_events *e, int i, cotree_real t, cotree_real *w)
 {
-    cotree_real *const width = e->branches + e->rows[i].branch, band = *width;
+    cotree_real *const width = e->branches + e->events[i].branch, band = *width;
     cotree_real value, effect = COTREE_F(0.0);
     int status = compute_effect(e, i, t, w, ASIDE_TOLERANCES, &value, &effect);
     if (effect == COTREE_F(0.0))
@@ -143,8 +143,8 @@ void cotree_settle_sensitivities(cotree_events *e, cotree_real t, cotree_real *w
     int i, sweep, n_at_rest = 0, status = 0;
     if (e->branches == NULL || e->run->n_blocks == 1) return;
     for (i = first; i < e->n_events; ++i) {
-        cotree_real *const width = e->branches + e->rows[i].branch, band = *width;
-        e->is_near[i] = e->is_near[i] && e->rows[i].kind == COTREE_STEEP_KINK &&
+        cotree_real *const width = e->branches + e->events[i].branch, band = *width;
+        e->is_near[i] = e->is_near[i] && e->events[i].kind == COTREE_STEEP_KINK &&
                         band > COTREE_SQRT(NARROW_SHARE) * cotree_zero_band(e, i);
         if (!e->is_near[i]) continue;
         *width = SUPPRESSING_RATIO * band;
@@ -163,7 +163,7 @@ void cotree_settle_sensitivities(cotree_events *e, cotree_real t, cotree_real *w
 /* Freeze the branch on one side of a kink; side 0 releases it. */
 static void freeze_branch(cotree_events *e, int i, cotree_real side)
 {
-    const cotree_event *const row = e->rows + i;
+    const cotree_event *const row = e->events + i;
     if (row->kind == COTREE_STEEP_KINK) {
         e->side[i] = side;
         e->branches[row->branch] = -COTREE_F(1.0);
@@ -183,7 +183,7 @@ static int set_state_errors(cotree_events *e, cotree_real t, const cotree_real *
     cotree_copy(e->n_events, e->jumps.values, e->g);
     status = step_aside(e, t, w, COTREE_F(1.0));
     for (i = 0; i < e->n_events; ++i) {
-        if (e->rows[i].kind == COTREE_STEEP_KINK)
+        if (e->events[i].kind == COTREE_STEEP_KINK)
             e->state_error[i] = COTREE_FABS(e->jumps.values[i] - e->g[i]);
     }
     return status == 0 ? cotree_compute_values(e, t, w) : status;
@@ -208,12 +208,12 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
     for (i = first; i < e->n_events && status == 0; ++i) {
         const cotree_real g = e->jumps.values[i];
         e->is_near[i] = COTREE_FABS(g) <= band_at_kink(e, i, t);
-        if (!e->is_near[i] && e->rows[i].direction == 0) freeze_branch(e, i, cotree_sign_of(g));
+        if (!e->is_near[i] && e->events[i].direction == 0) freeze_branch(e, i, cotree_sign_of(g));
     }
     /* The rate of an argument may depend on the branches of earlier arguments. */
     for (i = first; i < e->n_events && status == 0; ++i) {
         if (!e->is_near[i]) continue;
-        if (e->rows[i].kind == COTREE_STEEP_KINK) {
+        if (e->events[i].kind == COTREE_STEEP_KINK) {
             e->side[i] = COTREE_F(0.0);
             status = set_band(e, i, t, w);
             is_known = 0;
@@ -227,7 +227,7 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
     cotree_copy(e->n_events, e->jumps.values, e->g);
     for (k = 0; k < e->n_quantities; ++k) e->quantity_mean_rate[k] = COTREE_INFINITY;
     for (i = first; i < e->n_events; ++i) {
-        if (e->rows[i].direction != 0) e->side[i] = -(cotree_real)e->rows[i].direction;
+        if (e->events[i].direction != 0) e->side[i] = -(cotree_real)e->events[i].direction;
         e->mean_rate[i] = COTREE_INFINITY;
     }
     return status;
@@ -240,7 +240,7 @@ int cotree_are_only_kinks(const cotree_events *e)
     for (i = 0; i < e->n_events; ++i) {
         if (e->is_found[i] && !cotree_is_kink(e, i)) return 0;
     }
-    return e->n_found > 0 && e->n_modes == 0;
+    return e->n_found > 0 && e->n_rows == 0;
 }
 
 /* Enter the next branches, unless another event is due. */
@@ -265,7 +265,7 @@ int cotree_enters_band(const cotree_events *e, const cotree_real *g)
 {
     int i;
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
-        if (e->rows[i].kind == COTREE_STEEP_KINK && e->side[i] != COTREE_F(0.0) &&
+        if (e->events[i].kind == COTREE_STEEP_KINK && e->side[i] != COTREE_F(0.0) &&
             COTREE_FABS(g[i]) <= cotree_zero_band(e, i))
             return 1;
     }
@@ -283,10 +283,11 @@ int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
         /* A table without a frozen interval has no side to leave. */
-        if (e->rows[i].direction != 0 && e->branches[e->rows[i].branch] == COTREE_F(0.0)) return 1;
+        if (e->events[i].direction != 0 && e->branches[e->events[i].branch] == COTREE_F(0.0))
+            return 1;
         if (e->side[i] == COTREE_F(0.0) &&
             COTREE_FABS(g[i]) >
-                (e->rows[i].kind == COTREE_STEEP_KINK ? LEAVING_RATIO : COTREE_F(1.0)) *
+                (e->events[i].kind == COTREE_STEEP_KINK ? LEAVING_RATIO : COTREE_F(1.0)) *
                     cotree_zero_band(e, i))
             return 1;
     }
@@ -328,7 +329,7 @@ int cotree_cheap_crossing_test(cotree_events *e)
         } else {
             is_far = is_far && cotree_is_out_of_reach(side, e->g[i], g, moved_before, least);
         }
-        is_far = is_far && e->branches[e->rows[i].branch] != COTREE_F(0.0);
+        is_far = is_far && e->branches[e->events[i].branch] != COTREE_F(0.0);
         e->mean_rate[i] = COTREE_FABS(g - e->g[i]) / step;
     }
     if (!is_far) return REFINE;

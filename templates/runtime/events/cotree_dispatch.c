@@ -8,7 +8,7 @@
 /* Return whether a crossing towards the given side has the direction of the event. */
 int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side)
 {
-    const int direction = e->rows[i].direction;
+    const int direction = e->events[i].direction;
     return direction == 0 || (cotree_real)direction == side;
 }
 
@@ -53,7 +53,7 @@ static int count_event(cotree_events *e, int i, cotree_real t)
     ++e->n_event_times[i];
     /* The rest threshold of a stop ends its series of impacts, and the series of slips at its
      * contact. */
-    if (!cotree_is_gap(e, i) && !cotree_is_contact_slip(e->rows + i) &&
+    if (!cotree_is_gap(e, i) && !cotree_is_contact_slip(e->events + i) &&
         check_series(e, i, t, SERIES_LENGTH, SERIES_REMAINDER_SHARE * e->span) != 0)
         return e->failure;
     if (e->n_event_times[i] < COTREE_EVENT_CROWD) return 0;
@@ -140,7 +140,7 @@ static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, i
         }
     }
     e->has_fired[i] = 1;
-    if (e->rows[i].is_terminal) e->terminal_event = i;
+    if (e->events[i].is_terminal) e->terminal_event = i;
     cotree_write_record(e, i, t);
     return 0;
 }
@@ -198,8 +198,8 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
         else if (e->is_continuous[i] && has_just_fired(e, i))
             e->samples[i] = e->crossing_sign[i];
         else
-            e->is_near[i] = e->rows[i].kind == COTREE_JUMP &&
-                            e->samples[i] == (cotree_real)e->rows[i].direction;
+            e->is_near[i] = e->events[i].kind == COTREE_JUMP &&
+                            e->samples[i] == (cotree_real)e->events[i].direction;
     }
     for (i = 0; i < e->n_events && status == 0; ++i) {
         if (!e->is_near[i]) continue;
@@ -207,7 +207,7 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
         status = e->failure;
     }
     for (i = 0; i < e->n_events && status == 0; ++i) {
-        if (e->rows[i].kind != COTREE_JUMP || e->samples[i] != COTREE_F(0.0)) continue;
+        if (e->events[i].kind != COTREE_JUMP || e->samples[i] != COTREE_F(0.0)) continue;
         if (!is_known) status = cotree_compute_curvature(e, t, w);
         is_known = 1;
         if (status == 0 && cotree_has_curvature(e, i))
@@ -222,7 +222,7 @@ static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_r
     int k, status = 0;
     for (k = 0; k < e->n_events && status == 0; ++k) {
         const int i = is_reverse ? e->n_events - 1 - k : k;
-        if (!e->is_found[i] || e->rows[i].kind != COTREE_JUMP) continue;
+        if (!e->is_found[i] || e->events[i].kind != COTREE_JUMP) continue;
         status = cotree_jumps_apply(&e->jumps, i, t, w, 0);
     }
     return status;
@@ -234,7 +234,7 @@ static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, first = -1, are_apart = 0, is_dependent;
     for (i = 0; i < e->n_events && e->run->n_blocks > 1; ++i) {
-        if (!e->is_found[i] || e->rows[i].kind != COTREE_JUMP) continue;
+        if (!e->is_found[i] || e->events[i].kind != COTREE_JUMP) continue;
         if (first < 0) {
             first = i;
             if (find_dependence(e, i, t, w, &is_dependent) != 0) return e->failure;
@@ -264,7 +264,7 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
     for (i = 0; i < e->n_events; ++i) {
         /* A function that is zero counts as crossed in either direction. */
         if (COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i) &&
-            (e->rows[i].kind >= COTREE_JUMP || e->crossing_sign[i] != COTREE_F(0.0)))
+            (e->events[i].kind >= COTREE_JUMP || e->crossing_sign[i] != COTREE_F(0.0)))
             e->side[i] = e->crossing_sign[i];
     }
     for (i = 0; i < e->n_events && status == 0; ++i) {
@@ -308,7 +308,7 @@ static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
         e->has_fired[i] = e->is_found[i];
         if (!e->is_found[i]) continue;
         if (first < 0) first = i;
-        are_jumps = are_jumps && e->rows[i].kind == COTREE_JUMP;
+        are_jumps = are_jumps && e->events[i].kind == COTREE_JUMP;
     }
     return cotree_fail(e, first, t, are_jumps ? COTREE_EVENTS_SLIDING : COTREE_EVENTS_CASCADE);
 }
@@ -317,7 +317,8 @@ static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
  * changed the value or the value leaves zero. */
 static int is_mode_wrong(const cotree_events *e, int i)
 {
-    return e->rows[i].kind == COTREE_JUMP && e->samples[i] == (cotree_real)e->rows[i].direction &&
+    return e->events[i].kind == COTREE_JUMP &&
+           e->samples[i] == (cotree_real)e->events[i].direction &&
            cotree_jumps_changes_value(&e->jumps, i);
 }
 
@@ -345,14 +346,14 @@ static int has_fixed_time(const cotree_events *e)
  * with a rate of zero: its event occurs if it leaves zero to the other side. */
 static int has_jumped_to_zero(const cotree_events *e, int i)
 {
-    return e->rows[i].kind < COTREE_JUMP && e->samples[i] == COTREE_F(0.0) && !e->has_fired[i];
+    return e->events[i].kind < COTREE_JUMP && e->samples[i] == COTREE_F(0.0) && !e->has_fired[i];
 }
 
 /* Apply triggered events until no event function changes sign. */
 static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, round, has_jumps = 0;
-    for (i = 0; i < e->n_events; ++i) has_jumps = has_jumps || e->rows[i].kind == COTREE_JUMP;
+    for (i = 0; i < e->n_events; ++i) has_jumps = has_jumps || e->events[i].kind == COTREE_JUMP;
     for (round = 0; round < COTREE_EVENT_ROUNDS; ++round) {
         int first = -1, status = compute_sides(e, t, w);
         if (status == 0 && has_jumps && cotree_jumps_compute_new_values(&e->jumps, t, w) != 0) {
@@ -361,7 +362,7 @@ static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
         if (status != 0) return status;
         for (i = 0; i < e->n_events && round == COTREE_EVENT_ROUNDS / 2; ++i) e->is_found[i] = 0;
         for (i = 0; i < e->n_events; ++i) {
-            const int is_crossed = e->rows[i].kind != COTREE_JUMP && !cotree_is_kink(e, i) &&
+            const int is_crossed = e->events[i].kind != COTREE_JUMP && !cotree_is_kink(e, i) &&
                                    e->samples[i] * e->side[i] < COTREE_F(0.0) &&
                                    cotree_is_in_direction(e, i, e->samples[i]);
             if (is_crossed || is_mode_wrong(e, i)) {
@@ -371,7 +372,7 @@ static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
             }
         }
         if (first < 0) return 0;
-        if (e->rows[first].kind == COTREE_JUMP && check_leaving(e, first, t, w) != 0)
+        if (e->events[first].kind == COTREE_JUMP && check_leaving(e, first, t, w) != 0)
             return e->failure;
         e->is_found[first] = 1;
         status = apply_event(e, first, t, w, has_fixed_time(e));
@@ -389,7 +390,7 @@ static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real 
     if (e->side[i] != COTREE_F(0.0) || e->terminal_event >= 0 || cotree_stays_at_zero(e, i) ||
         cotree_is_of_friction(e, i))
         return 0;
-    if (e->rows[i].kind == COTREE_JUMP) return 0;
+    if (e->events[i].kind == COTREE_JUMP) return 0;
     if (cotree_compute_curvature(e, t, w) != 0) return e->failure;
     if (!(e->curvature[i] * e->crossing_sign[i] > COTREE_F(0.0) && cotree_has_curvature(e, i)))
         return 0;

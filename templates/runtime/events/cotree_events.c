@@ -64,11 +64,11 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     e->shift = cotree_arena_reals(arena, 2 * n_events);
     e->n_event_times = cotree_arena_ints(arena, n_events);
     cotree_jumps_init(&e->jumps, run, arena);
-    e->rows = model->hybrid->events;
+    e->events = model->hybrid->events;
     e->n_events = n_events;
-    e->n_frictions = e->n_modes = e->n_stops = e->n_contact_friction = 0;
+    e->n_rows = e->n_frictions = e->n_stops = 0;
 #if COTREE_HAS_MODES
-    cotree_init_modes(e, run, arena);
+    cotree_init_rows(e, run, arena);
 #endif
     if (arena->base == NULL) return;
     cotree_history_init(&e->refined, n, of_local);
@@ -100,7 +100,7 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     for (i = 0; i < n_events; ++i) {
         e->g[i] = e->side[i] = e->value_scale[i] = e->recent_scale[i] = COTREE_F(0.0);
         e->state_error[i] = COTREE_F(0.0);
-        e->has_steep = e->has_steep || e->rows[i].kind == COTREE_STEEP_KINK;
+        e->has_steep = e->has_steep || e->events[i].kind == COTREE_STEEP_KINK;
         e->mean_rate[i] = COTREE_INFINITY;
         e->n_event_times[i] = 0;
         e->has_fired[i] = 0;
@@ -147,8 +147,8 @@ int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
         e->side[i] = e->crossing_sign[i];
         /* The mode selection handles gaps that are closed at the start, by impacts or at rest. */
         e->is_found[i] = is_zero && !cotree_is_gap(e, i) && !cotree_is_kink(e, i) &&
-                         e->rows[i].direction != 0 &&
-                         (cotree_real)e->rows[i].direction == e->crossing_sign[i];
+                         e->events[i].direction != 0 &&
+                         (cotree_real)e->events[i].direction == e->crossing_sign[i];
         n_found += e->is_found[i];
     }
 #if COTREE_HAS_MODES
@@ -178,17 +178,13 @@ int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w)
 {
 #if COTREE_HAS_MODES
     int k, status = cotree_compute_values(e, t, w);
-    for (k = 0; k < e->n_frictions && status == 0; ++k) {
-        const int i = PLACE(k, SLIP);
-        e->is_stepped_over[i] = e->side[i] > COTREE_F(0.0) && e->jumps.values[i] < COTREE_F(0.0);
-    }
-    for (k = 0; k < e->n_events && e->n_stops > 0 && status == 0; ++k) {
-        if (cotree_is_gap(e, k))
+    for (k = 0; k < e->n_events && e->n_rows > 0 && status == 0; ++k) {
+        if (cotree_is_gap(e, k) || e->events[k].kind == COTREE_FRICTION_SLIP)
             e->is_stepped_over[k] =
                 e->side[k] > COTREE_F(0.0) && e->jumps.values[k] < COTREE_F(0.0);
     }
     if (status == 0) status = cotree_events_resume(e, t, w, NULL);
-    for (k = 0; k < e->n_events && e->n_modes > 0; ++k) {
+    for (k = 0; k < e->n_events && e->n_rows > 0; ++k) {
         e->has_fired[k] = e->has_fired[k] || e->is_stepped_over[k];
         e->is_stepped_over[k] = 0;
     }
@@ -217,9 +213,9 @@ void cotree_events_save(const cotree_events *e, cotree_real *to)
     cotree_copy(n, e->recent_scale, to + 2 * n);
     for (i = 0; i < n; ++i) {
         to[3 * n + i] = (cotree_real)e->n_event_times[i];
-        to[4 * n + i] = e->n_modes > 0 ? (cotree_real)e->stays_at_zero[i] : COTREE_F(0.0);
-        to[5 * n + i] = e->n_modes > 0 ? e->gap_at_release[i] : COTREE_F(0.0);
-        to[6 * n + i] = e->n_modes > 0 ? e->zero_level[i] : COTREE_F(0.0);
+        to[4 * n + i] = e->n_rows > 0 ? (cotree_real)e->stays_at_zero[i] : COTREE_F(0.0);
+        to[5 * n + i] = e->n_rows > 0 ? e->gap_at_release[i] : COTREE_F(0.0);
+        to[6 * n + i] = e->n_rows > 0 ? e->zero_level[i] : COTREE_F(0.0);
     }
     cotree_copy(n * COTREE_EVENT_CROWD, e->event_times, to + 7 * n);
 }
@@ -233,7 +229,7 @@ void cotree_events_restore(cotree_events *e, const cotree_real *from)
     cotree_copy(n, from + 2 * n, e->recent_scale);
     for (i = 0; i < n; ++i) {
         e->n_event_times[i] = (int)from[3 * n + i];
-        if (e->n_modes == 0) continue;
+        if (e->n_rows == 0) continue;
         e->stays_at_zero[i] = (int)from[4 * n + i];
         e->gap_at_release[i] = from[5 * n + i];
         e->zero_level[i] = from[6 * n + i];
@@ -416,7 +412,7 @@ static const cotree_real *reduced_point(cotree_events *e, cotree_real t, const c
 static int has_left_surface(cotree_events *e, int i, cotree_real side)
 {
     int k;
-    if (e->rows[i].kind != COTREE_JUMP || e->side[i] != COTREE_F(0.0) ||
+    if (e->events[i].kind != COTREE_JUMP || e->side[i] != COTREE_F(0.0) ||
         !cotree_is_in_direction(e, i, side))
         return 0;
     if (cotree_jumps_compute_new_values(&e->jumps, e->t_after, e->end) != 0) {
@@ -485,7 +481,7 @@ static int find_first_event(cotree_events *e)
             return e->failure != 0 ? e->failure : COTREE_EVENTS_FOUND;
         }
         e->side[i] = cotree_sign_of(g[i]);
-        if (e->n_modes > 0) e->stays_at_zero[i] = 0;
+        if (e->n_rows > 0) e->stays_at_zero[i] = 0;
     }
     if (cotree_enters_band(e, g)) {
         e->t = e->t_after;

@@ -92,7 +92,7 @@ typedef struct cotree_events {
     /* The rest is private. */
     cotree_jumps jumps;
     cotree_run *run;
-    const cotree_event *rows;
+    const cotree_event *events;
     int n_events, n; /* number of events; number of entries of w */
     int n_kinks, n_branches;
     int has_steep;             /* 1: the model has steep kinks (roots) */
@@ -145,59 +145,25 @@ typedef struct cotree_events {
     cotree_real *both_sides; /* states and rates on both sides of a jump */
     cotree_real *shift;      /* 2 n_events: changes of the event functions across a jump */
 
-    /* Modes of unilateral constraints: of dry friction, then of loads, then of rigid stops. */
-    int n_frictions;
-    int n_modes;          /* number of all modes */
-    int *places;          /* N_PLACES for each mode: its state and its events */
-    int *is_active;       /* 1: the complementarity conditions determine the mode */
-    int *stays_at_zero;   /* for each event function: 1 if its value stays at zero */
-    int *is_stepped_over; /* for each event function: 1 if crossed by an external integrator */
-    cotree_real *modes;   /* modes in the current trial */
-    cotree_real *acceleration_scale;
-    cotree_real *slack;       /* distances of each force from both of its limits */
-    cotree_real *trial;       /* entries w of the current trial, with its modes */
-    cotree_real *tried_codes; /* ring buffer: codes of the mode sets tried in this selection */
+    /* Unilateral constraints: dry friction, then loads, then rigid stops. */
+    int n_rows, n_frictions, n_stops, n_discs; /* numbers of rows, and of those of some types */
+    int has_contact_friction;                  /* 1: some friction acts at a contact */
+    cotree_row *rows;
+    int *stays_at_zero;      /* for each event function: 1 if its value stays at zero */
+    int *is_stepped_over;    /* for each event function: 1 if crossed by an external integrator */
+    int *is_impact_event;    /* for each event: 1 if it is part of the impact */
+    cotree_real *zero_level; /* for a force at its limit: |g| below this level counts as zero */
+    cotree_real *gap_at_release; /* |gap| at the time at which the stop opened */
+    cotree_real *trial;          /* entries w of the current trial, with its modes */
     cotree_real *saved_before;
-    int kernel_status;        /* status of the last kernel evaluation */
-    cotree_real *zero_level;  /* for a force at its limit: |g| below this level counts as zero */
-    int *is_resticking;       /* 1: friction sticks again at the time at which its slip began */
-    cotree_real *slide_start; /* time at which the slip began */
+    cotree_real *tried_codes; /* ring buffer: codes of the mode sets tried in this selection */
+    int n_tried;
+    int kernel_status;  /* status of the last kernel evaluation */
+    int unresolved_gap; /* gap that separates after an impact at a speed below rounding, or -1 */
+    int is_impact;      /* 1: modes are selected at impulse level */
+    cotree_real impact_speed; /* largest speed before the impact */
     cotree_real largest_rate; /* largest rate of a state in the last trial */
     cotree_real force_noise;  /* rounding error of the forces in the last trial */
-    int n_tried;
-
-    /* Rigid stops, and dry friction at contacts, whose normal force is the force of a stop. */
-    int n_stops;
-    int unresolved_gap; /* gap that separates after an impact at a speed below rounding, or -1 */
-    cotree_real *gap_at_release; /* |gap| at the time at which the stop opened */
-    cotree_real *closed_side;    /* 1 or -1: closed at the upper or lower limit; 0: open */
-    cotree_real *gaps, *opening_speed, *later_acceleration;
-    cotree_real *largest_opening_speed, *largest_acceleration; /* maxima in the run so far */
-    cotree_real *speed_terms; /* magnitude of the terms whose sum is the gap rate, at the start */
-    cotree_real *required_speed; /* gap rate that restitution requires after the impact */
-    int n_contact_friction;
-    int *contact_friction;   /* indices of contact friction among all friction constraints */
-    int *normal_stop;        /* for each friction constraint: its stop, or -1 without contact */
-    cotree_real *slip_speed; /* slip before the impact, two components for each contact */
-    cotree_real *slip_sign;
-    int n_discs; /* number of friction constraints on planes in space */
-#if COTREE_HAS_DISCS
-    int *disc;               /* for each friction constraint: index among those on planes, or -1 */
-    int *direction_states;   /* 2 n_discs: the states that store the directions of sliding */
-    cotree_real *directions; /* 2 n_discs: directions of sliding in the current trial */
-    cotree_real *saved_directions;
-    cotree_real *last_turns; /* 5 n_discs: direction, slip and gain of the last iteration */
-#endif
-    cotree_real *saved_modes;
-    int is_impact;             /* 1: modes are selected at impulse level */
-    cotree_real impact_speed;  /* largest speed before the impact */
-    cotree_real *kernel_modes; /* modes passed to the kernels during the impact */
-    int *is_impact_event;
-    int *was_holding;       /* 1: the stop was closed before the impact */
-    int *impact_role;       /* role of each stop, see find_impact_roles */
-    int *ends_at_rest;      /* 1: the rebound speed is below the rest threshold of the stop */
-    int *restitution_event; /* event whose targets include the change of speed */
-    int *impact_events, *impulse_states, *force_events; /* see cotree_impulse */
 } cotree_events;
 
 /* Initialise for a run over a time span, with the tolerances of the integration. atols has n_given

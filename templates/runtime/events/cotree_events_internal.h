@@ -72,22 +72,8 @@ enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 
 #define SHORTEN (-1) /* status: the step must be repeated with a shorter length */
 
-/* Entries of a mode in places: its state, then its events: the slip rate, the distances of the
- * force to both limits, the engagement of a clutch and, on planes in space, the angle of the
- * sliding direction and the components of the impulse. -1: there is no such event. */
-enum {
-    MODE_STATE,
-    SLIP,
-    FORWARD_LIMIT,
-    BACKWARD_LIMIT,
-    ENGAGED,
-    TURN,
-    FIRST_IMPULSE,
-    SECOND_IMPULSE,
-    N_PLACES
-};
-
-#define PLACE(k, what) (e->places[(k)*N_PLACES + (what)])
+/* End of the table of rows. */
+#define END_OF_ROWS (e->rows + e->n_rows)
 
 /* Accelerations below this fraction of those caused by friction count as zero. A force at its limit
  * leaves the limit only if it would change by this fraction of the limits within the span. */
@@ -103,15 +89,6 @@ enum {
 /* A constraint that opens at zero acceleration separates if its acceleration changes within the
  * span by more than this fraction of the largest acceleration. */
 #define JERK_SHARE COTREE_F(1e-6)
-
-/* Rigid stops. The mode is 0 while the stop is open, and 1 or -1, the side of its limit, while it
- * is closed. An impact occurs if a gap is closed and its rate is negative. All closed stops take
- * part (Newton's impact law as a complementarity problem, J. J. Moreau 1988): a stop with an
- * impulse separates at the speed of restitution, or stays closed below the rest threshold; a stop
- * without an impulse separates at least as fast. */
-
-/* Events of a stop, stored where friction constraints have SLIP and the following entries. */
-enum { REBOUND = SLIP, UPPER_GAP, LOWER_GAP, CONTACT_FORCE };
 
 /* An impact gains energy if its work exceeds this fraction of impulse times speed. */
 #define ENERGY_RTOL COTREE_F(1e-6)
@@ -188,49 +165,38 @@ COTREE_PRIVATE int cotree_enters_band(const cotree_events *e, const cotree_real 
 COTREE_PRIVATE int cotree_has_left_branch(const cotree_events *e, const cotree_real *g);
 COTREE_PRIVATE int cotree_cheap_crossing_test(cotree_events *e);
 
-/* Defined in cotree_friction.c: */
-COTREE_PRIVATE void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *arena);
+/* Defined in cotree_rows.c: */
+COTREE_PRIVATE void cotree_init_rows(cotree_events *e, const cotree_run *run, cotree_arena *arena);
+COTREE_PRIVATE int cotree_is_disc(const cotree_row *row);
+COTREE_PRIVATE int cotree_is_holding(const cotree_row *row);
+COTREE_PRIVATE int cotree_is_variable(const cotree_events *e, const cotree_row *row);
+COTREE_PRIVATE int cotree_may_change(const cotree_events *e, const cotree_row *row);
+COTREE_PRIVATE int cotree_closed_gap(const cotree_row *row);
+COTREE_PRIVATE cotree_real cotree_gap_rate(const cotree_events *e, const cotree_row *row);
+COTREE_PRIVATE cotree_real cotree_acceleration(const cotree_events *e, const cotree_row *row);
+COTREE_PRIVATE cotree_real cotree_gap_rate_error(const cotree_events *e);
+COTREE_PRIVATE cotree_real cotree_zero_gap_rate(const cotree_events *e, const cotree_row *row);
+COTREE_PRIVATE cotree_real cotree_largest_acceleration_scale(const cotree_events *e);
+COTREE_PRIVATE cotree_real cotree_zero_acceleration(const cotree_events *e, const cotree_row *row);
+COTREE_PRIVATE void cotree_find_slip(const cotree_events *e, const cotree_row *row,
+                                     cotree_real *slip);
+COTREE_PRIVATE int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired);
+COTREE_PRIVATE int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w);
+COTREE_PRIVATE int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g);
+
+/* Defined in cotree_modes.c: */
 COTREE_PRIVATE int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t,
                                               cotree_real size);
-COTREE_PRIVATE cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k);
 COTREE_PRIVATE int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired);
 COTREE_PRIVATE int cotree_was_selected(const cotree_events *e, int i);
 COTREE_PRIVATE void cotree_update_mode_sides(cotree_events *e, const cotree_real *w);
 
-/* Defined in cotree_stops.c: */
-COTREE_PRIVATE int cotree_first_stop(const cotree_events *e);
-COTREE_PRIVATE int cotree_count_contact_friction(const cotree_hybrid *h);
-COTREE_PRIVATE void cotree_list_stops(cotree_events *e);
-COTREE_PRIVATE int cotree_is_contact_friction(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_is_disc(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_is_load(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_is_variable(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_may_change(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_closed_gap(const cotree_events *e, int k);
-COTREE_PRIVATE cotree_real cotree_opening_speed(const cotree_events *e, int k);
-COTREE_PRIVATE cotree_real cotree_closing_uncertainty(const cotree_events *e);
-COTREE_PRIVATE cotree_real cotree_zero_opening_speed(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired);
-COTREE_PRIVATE int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w);
-COTREE_PRIVATE int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g);
-COTREE_PRIVATE int cotree_has_sticking_contact(const cotree_events *e, int k);
-COTREE_PRIVATE cotree_real cotree_separation_acceleration(const cotree_events *e, int k);
-COTREE_PRIVATE void cotree_find_active_stops(cotree_events *e);
-COTREE_PRIVATE cotree_real cotree_largest_acceleration_scale(const cotree_events *e);
-COTREE_PRIVATE cotree_real cotree_rest_tolerance(const cotree_events *e, int k);
-COTREE_PRIVATE void cotree_update_open_gaps(cotree_events *e, int k);
-
 #if COTREE_HAS_DISCS
 /* Defined in cotree_discs.c: */
-COTREE_PRIVATE int cotree_count_discs(const cotree_hybrid *h);
-COTREE_PRIVATE void cotree_list_discs(cotree_events *e);
-COTREE_PRIVATE void cotree_load_directions(cotree_events *e, const cotree_real *w);
-COTREE_PRIVATE void cotree_store_directions(const cotree_events *e, cotree_real *w);
-COTREE_PRIVATE void cotree_slip_vector(const cotree_events *e, int k, cotree_real *slip);
-COTREE_PRIVATE void cotree_friction_impulse(const cotree_events *e, int k, cotree_real *impulse);
-COTREE_PRIVATE cotree_real cotree_disc_speed(cotree_events *e, int k, cotree_real mode);
-COTREE_PRIVATE int cotree_begin_sliding(cotree_events *e, int k, cotree_real t);
+COTREE_PRIVATE cotree_real cotree_disc_speed(const cotree_events *e, cotree_row *row,
+                                             cotree_real mode);
+COTREE_PRIVATE int cotree_begin_sliding(cotree_events *e, cotree_row *row, cotree_real t);
 COTREE_PRIVATE int cotree_turn_discs(cotree_events *e, int round);
 #endif
 
@@ -242,7 +208,6 @@ COTREE_PRIVATE int cotree_select_modes(cotree_events *e, cotree_real t, const co
 
 /* Defined in cotree_impacts.c: */
 COTREE_PRIVATE int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w);
-COTREE_PRIVATE void cotree_find_slip(const cotree_events *e, int k, cotree_real *slip);
 COTREE_PRIVATE void cotree_record_impacts(cotree_events *e, cotree_real t, int fired);
 COTREE_PRIVATE int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w,
                                           int fired);

@@ -22,158 +22,130 @@
 #define KERNEL_SLIDES (-COTREE_F(1.0))
 
 /* Return whether a closed stop takes part in the impact. */
-static int takes_part(const cotree_events *e, int k)
+static int takes_part(const cotree_row *stop)
 {
-    return e->closed_side[k - cotree_first_stop(e)] != COTREE_F(0.0) &&
-           e->impact_role[k - cotree_first_stop(e)] >= 0;
+    return stop->side != COTREE_F(0.0) && stop->impact_role >= 0;
 }
 
-/* Return the data of the impact for cotree_jumps.h, with the modes of the trial. */
-static cotree_impulse impact_of(cotree_events *e)
+/* Set the modes that the kernels use in the impact, and the events that prescribe changes of speed,
+ * for the modes of the trial. */
+static void prepare_impulse(cotree_events *e)
 {
-    cotree_impulse s;
-    int k;
-    for (k = 0; k < e->n_modes; ++k) {
-        const int own = k - cotree_first_stop(e);
-        const cotree_real mode = e->modes[k];
-        e->kernel_modes[k] = own >= 0 ? KERNEL_STRUCK * mode : mode;
+    cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        const int is_stop = row->type == COTREE_ROW_STOP, is_disc = cotree_is_disc(row);
+        const int holds = row->type != COTREE_ROW_LOAD && cotree_is_holding(row);
+        row->kernel_mode = is_stop ? KERNEL_STRUCK * row->mode : row->mode;
         /* Other sticking friction has a finite force, and hence no impulse. */
-        if (k < e->n_frictions && mode == COTREE_F(0.0))
-            e->kernel_modes[k] = cotree_is_contact_friction(e, k) ? KERNEL_STICKS : COTREE_F(1.0);
-        if (cotree_is_disc(e, k) && mode == COTREE_F(1.0)) e->kernel_modes[k] = KERNEL_SLIDES;
-        if (own >= 0)
-            e->impact_events[own] = mode != COTREE_F(0.0) ? e->restitution_event[own] : -1;
+        if (!is_stop && holds) row->kernel_mode = row->stop != NULL ? KERNEL_STICKS : COTREE_F(1.0);
+        if (is_disc && row->mode == COTREE_F(1.0)) row->kernel_mode = KERNEL_SLIDES;
+        row->struck_events[0] = !holds ? -1 : is_stop ? row->restitution_event : row->event;
+        row->struck_events[1] = holds && is_disc ? row->limits[0] : -1;
     }
-    for (k = 0; k < e->n_contact_friction; ++k) {
-        const int i = e->contact_friction[k];
-        const int sticks = e->modes[i] == COTREE_F(0.0);
-        e->impact_events[e->n_stops + k] = sticks ? PLACE(i, SLIP) : -1;
-#if COTREE_HAS_DISCS
-        if (cotree_is_disc(e, i))
-            e->impact_events[e->n_stops + e->n_contact_friction + e->disc[i]] =
-                sticks ? PLACE(i, FORWARD_LIMIT) : -1;
-#endif
-    }
-    s.is_residual = 0;
-    s.n_modes = e->n_modes;
-    s.stride = N_PLACES;
-    s.places = e->places;
-    s.modes = e->kernel_modes;
-#if COTREE_HAS_DISCS
-    s.n_directions = 2 * e->n_discs;
-    s.direction_states = e->direction_states;
-    s.directions = e->directions;
-#endif
-    s.n_edges = e->n_stops + e->n_contact_friction + e->n_discs;
-    s.n_stops = e->n_stops;
-    s.n_forces = e->n_modes - e->n_frictions + 2 * e->n_contact_friction + e->n_discs;
-    s.impulse_states = e->impulse_states;
-    s.speed_events = e->impact_events;
-    s.force_events = e->force_events;
-    return s;
 }
 
 /* Evaluate a trial of the impact: the speeds after it and its impulses. Return 0, or nonzero if
  * the impact has no solution. */
 int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
-    const cotree_impulse s = impact_of(e);
-    int i, status = cotree_jumps_try_impulse(&e->jumps, &s, t, w, e->trial);
+    int status;
+    prepare_impulse(e);
+    status = cotree_jumps_try_impulse(&e->jumps, e->rows, e->n_rows, t, w, e->trial);
     if (status == 0) status = cotree_jumps_compute_new_values(&e->jumps, t, e->trial);
-    for (i = 0; i < s.n_forces && status == 0; ++i)
-        e->samples[e->force_events[i]] = e->jumps.impulse_forces[i];
+    if (status == 0) cotree_copy(e->n_events, e->jumps.impulse_forces, e->samples);
     return status;
 }
 
-/* Write both components of the slip after the impact. */
-void cotree_find_slip(const cotree_events *e, int k, cotree_real *slip)
+/* Return the impulse of a stop, or zero if its gap is not resolved. */
+static cotree_real impulse_of(const cotree_events *e, const cotree_row *stop)
 {
-    slip[0] = -cotree_jumps_speed_change(&e->jumps, PLACE(k, SLIP));
-    slip[1] = COTREE_F(0.0);
-#if COTREE_HAS_DISCS
-    if (cotree_is_disc(e, k)) cotree_slip_vector(e, k, slip);
-#endif
+    return stop->mode == COTREE_F(0.0) || cotree_closed_gap(stop) == e->unresolved_gap
+               ? COTREE_F(0.0)
+               : e->samples[stop->limits[0]];
 }
 
-/* Return whether the impulse of a stop exceeds rounding. An unresolved gap has no such impulse. */
-static int has_resolved_impulse(const cotree_events *e, int k)
+/* Return the work of friction at a contact in the impact. */
+static cotree_real friction_work(const cotree_events *e, const cotree_row *row)
 {
-    return e->modes[k] != COTREE_F(0.0) && cotree_closed_gap(e, k) != e->unresolved_gap;
+    cotree_real impulse[2], after[2];
+    if (impulse_of(e, row->stop) == COTREE_F(0.0)) return COTREE_F(0.0);
+    cotree_find_slip(e, row, after);
+    if (cotree_is_disc(row)) {
+        impulse[0] = e->samples[row->impulses[0]];
+        impulse[1] = e->samples[row->impulses[1]];
+    } else {
+        impulse[0] = COTREE_F(0.5) * (e->samples[row->limits[1]] - e->samples[row->limits[0]]);
+        impulse[1] = COTREE_F(0.0);
+        if (row->mode != COTREE_F(0.0)) return COTREE_F(0.0);
+    }
+    return -COTREE_F(0.5) * (impulse[0] * (row->slip_speed[0] + after[0]) +
+                             impulse[1] * (row->slip_speed[1] + after[1]));
 }
 
 /* Return whether the impact gains energy, which Newton's impact law allows with friction. */
 static int gains_energy(const cotree_events *e)
 {
     cotree_real work = COTREE_F(0.0), size = COTREE_F(0.0);
-    int k;
-    for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-        const cotree_real impulse =
-            has_resolved_impulse(e, k) ? e->samples[PLACE(k, CONTACT_FORCE)] : COTREE_F(0.0);
-        work += COTREE_F(0.5) * impulse *
-                (e->opening_speed[k - cotree_first_stop(e)] + cotree_opening_speed(e, k));
-        size += COTREE_FABS(impulse) * e->impact_speed;
-    }
-    for (k = 0; k < e->n_contact_friction; ++k) {
-        const int i = e->contact_friction[k];
-        const cotree_real *const before = e->slip_speed + 2 * k;
-        cotree_real impulse[2] = {COTREE_F(0.0), COTREE_F(0.0)}, after[2];
-        if (!has_resolved_impulse(e, e->normal_stop[i])) continue;
-        if (!cotree_is_disc(e, i) && e->modes[i] != COTREE_F(0.0)) continue;
-        cotree_find_slip(e, i, after);
-#if COTREE_HAS_DISCS
-        if (cotree_is_disc(e, i)) cotree_friction_impulse(e, i, impulse);
-#endif
-        if (!cotree_is_disc(e, i))
-            impulse[0] = COTREE_F(0.5) * (e->samples[PLACE(i, BACKWARD_LIMIT)] -
-                                          e->samples[PLACE(i, FORWARD_LIMIT)]);
-        work -= COTREE_F(0.5) *
-                (impulse[0] * (before[0] + after[0]) + impulse[1] * (before[1] + after[1]));
+    const cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        if (row->stop != NULL) work += friction_work(e, row);
+        if (row->type != COTREE_ROW_STOP) continue;
+        work += COTREE_F(0.5) * impulse_of(e, row) * (row->gap_rate + cotree_gap_rate(e, row));
+        size += COTREE_FABS(impulse_of(e, row)) * e->impact_speed;
     }
     return work > ENERGY_RTOL * size;
 }
 
-/* Return a load that the impact changes, or -1. The laws of gear losses only apply to forces, since
- * the slip of the teeth may reverse during an impact. */
-static int find_lossy_load(const cotree_events *e)
+/* Return a load that the impact changes, or NULL. The laws of gear losses only apply to forces,
+ * since the slip of the teeth may reverse during an impact. */
+static const cotree_row *find_lossy_load(const cotree_events *e)
 {
     const cotree_real least = IMPULSE_RTOL * cotree_largest_stop_force(e);
-    int k;
-    for (k = e->n_frictions; k < cotree_first_stop(e); ++k) {
-        if (COTREE_FABS(e->samples[PLACE(k, SLIP)]) > least) return k;
+    const cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        if (row->type == COTREE_ROW_LOAD && COTREE_FABS(e->samples[row->event]) > least) return row;
     }
-    return -1;
+    return NULL;
+}
+
+/* Set the modes of all stops to a multiple of the sides at which they are closed, those of other
+ * rows to the modes at w, and evaluate the motion. */
+static int evaluate_stops(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real factor)
+{
+    cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS; ++row)
+        row->mode = row->type == COTREE_ROW_STOP ? factor * row->side : w[row->mode_state];
+    return cotree_evaluate_motion(e, t, w);
 }
 
 /* Find the closed gaps and their rates. */
 static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *w, int fired)
 {
-    int k, status;
-    for (k = 0; k < cotree_first_stop(e); ++k) e->modes[k] = w[PLACE(k, MODE_STATE)];
-    for (; k < e->n_modes; ++k) e->modes[k] = COTREE_F(0.0);
-    status = cotree_evaluate_motion(e, t, w);
-    if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, e->trial) != 0) {
+    cotree_row *row;
+    int status = evaluate_stops(e, t, w, COTREE_F(0.0));
+    if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, e->trial) != 0)
         status = cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
-    }
-    for (k = cotree_first_stop(e); k < e->n_modes && status == 0; ++k) {
-        const int own = k - cotree_first_stop(e);
-        const cotree_real mode = w[PLACE(k, MODE_STATE)];
-        e->was_holding[own] = mode != COTREE_F(0.0);
-        e->closed_side[own] = mode;
-        if (mode == COTREE_F(0.0)) {
-            if (PLACE(k, UPPER_GAP) >= 0 && cotree_is_closed(e, PLACE(k, UPPER_GAP), t, fired))
-                e->closed_side[own] = COTREE_F(1.0);
-            else if (PLACE(k, LOWER_GAP) >= 0 && cotree_is_closed(e, PLACE(k, LOWER_GAP), t, fired))
-                e->closed_side[own] = -COTREE_F(1.0);
-        }
-        e->gaps[own] = e->closed_side[own] == COTREE_F(0.0)
-                           ? COTREE_F(0.0)
-                           : COTREE_FABS(e->samples[cotree_closed_gap(e, k)]);
-        e->opening_speed[own] = cotree_opening_speed(e, k);
-        e->largest_opening_speed[own] =
-            COTREE_FMAX(e->largest_opening_speed[own],
-                        COTREE_FABS(cotree_jumps_speed_change(&e->jumps, PLACE(k, REBOUND))));
+    for (row = e->rows; row < END_OF_ROWS && status == 0; ++row) {
+        if (row->type != COTREE_ROW_STOP) continue;
+        row->side = w[row->mode_state];
+        row->was_closed = row->side != COTREE_F(0.0);
+        if (!row->was_closed && cotree_is_closed(e, row->gaps[0], t, fired))
+            row->side = COTREE_F(1.0);
+        else if (!row->was_closed && cotree_is_closed(e, row->gaps[1], t, fired))
+            row->side = -COTREE_F(1.0);
+        row->gap = row->side == COTREE_F(0.0) ? COTREE_F(0.0)
+                                              : COTREE_FABS(e->samples[cotree_closed_gap(row)]);
+        row->gap_rate = cotree_gap_rate(e, row);
+        row->largest_rate = COTREE_FMAX(
+            row->largest_rate, COTREE_FABS(cotree_jumps_speed_change(&e->jumps, row->event)));
     }
     return status;
+}
+
+/* Return whether a gap separates after an impact at a speed below rounding. */
+static int is_unresolved(const cotree_events *e, const cotree_row *stop)
+{
+    return stop->side != COTREE_F(0.0) && cotree_closed_gap(stop) == e->unresolved_gap;
 }
 
 /* Set the role of each stop: 1 if the impact starts there, 0 if not. A closed gap takes no part if
@@ -182,21 +154,17 @@ static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *
 static int find_impact_roles(cotree_events *e, int fired)
 {
     const int is_own = e->run->n_blocks > 1 && fired >= 0 && cotree_is_gap(e, fired);
-    int k, n = 0;
-    for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-        const int own = k - cotree_first_stop(e);
-        const int is_faint =
-            e->closed_side[own] != COTREE_F(0.0) && cotree_closed_gap(e, k) == e->unresolved_gap;
-        e->impact_role[own] =
-            is_faint || (e->closed_side[own] != COTREE_F(0.0) &&
-                         e->opening_speed[own] < -cotree_zero_opening_speed(e, k));
-        if (!is_faint && e->opening_speed[own] > COTREE_FMAX(cotree_zero_opening_speed(e, k),
-                                                             cotree_closing_uncertainty(e)))
-            e->impact_role[own] = -2;
-        if (is_own && cotree_closed_gap(e, k) != fired && e->impact_role[own] > 0) {
-            e->impact_role[own] = e->opening_speed[own] < -cotree_closing_uncertainty(e) ? -1 : 0;
-        }
-        n += e->impact_role[own] > 0;
+    const cotree_real error = cotree_gap_rate_error(e);
+    cotree_row *row;
+    int n = 0;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        const cotree_real least = cotree_zero_gap_rate(e, row), rate = row->gap_rate;
+        if (row->type != COTREE_ROW_STOP) continue;
+        row->impact_role = is_unresolved(e, row) || (row->side != COTREE_F(0.0) && rate < -least);
+        if (!is_unresolved(e, row) && rate > COTREE_FMAX(least, error)) row->impact_role = -2;
+        if (is_own && cotree_closed_gap(row) != fired && row->impact_role > 0)
+            row->impact_role = rate < -error ? -1 : 0;
+        n += row->impact_role > 0;
     }
     return n;
 }
@@ -205,18 +173,14 @@ static int find_impact_roles(cotree_events *e, int fired)
  * rebound speed is below the threshold, those of rest. */
 static int select_restitution_events(cotree_events *e, cotree_real t, const cotree_real *w)
 {
-    int k, status;
-    for (k = cotree_first_stop(e); k < e->n_modes; ++k)
-        e->modes[k] = COTREE_F(2.0) * e->closed_side[k - cotree_first_stop(e)];
-    status = cotree_evaluate_motion(e, t, w);
-    for (k = cotree_first_stop(e); k < e->n_modes && status == 0; ++k) {
-        const int own = k - cotree_first_stop(e);
-        const int is_slow =
-            e->samples[PLACE(k, REBOUND)] <= COTREE_F(0.0) ||
-            (e->closed_side[own] != COTREE_F(0.0) && cotree_closed_gap(e, k) == e->unresolved_gap);
-        e->ends_at_rest[own] = e->impact_role[own] > 0 && is_slow;
-        e->restitution_event[own] =
-            e->impact_role[own] > 0 && !is_slow ? cotree_closed_gap(e, k) : PLACE(k, REBOUND);
+    cotree_row *row;
+    const int status = evaluate_stops(e, t, w, COTREE_F(2.0));
+    for (row = e->rows; row < END_OF_ROWS && status == 0; ++row) {
+        const int is_slow = e->samples[row->event] <= COTREE_F(0.0) || is_unresolved(e, row);
+        if (row->type != COTREE_ROW_STOP) continue;
+        row->ends_at_rest = row->impact_role > 0 && is_slow;
+        row->restitution_event =
+            row->impact_role > 0 && !is_slow ? cotree_closed_gap(row) : row->event;
     }
     return status;
 }
@@ -224,41 +188,43 @@ static int select_restitution_events(cotree_events *e, cotree_real t, const cotr
 /* Initialise the trial: impulses at all stops where the impact starts, with sticking friction. */
 static void init_impact(cotree_events *e)
 {
-    int k;
+    cotree_row *row;
     e->impact_speed = COTREE_F(0.0);
-    for (k = 0; k < cotree_first_stop(e); ++k) e->is_active[k] = 0;
-    for (; k < e->n_modes; ++k) {
-        const int own = k - cotree_first_stop(e);
-        e->is_active[k] = takes_part(e, k);
-        e->modes[k] = e->impact_role[own] > 0 ? e->closed_side[own] : COTREE_F(0.0);
-        e->required_speed[own] =
-            e->opening_speed[own] -
-            e->closed_side[own] * cotree_jumps_speed_change(&e->jumps, e->restitution_event[own]);
-        e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(e->opening_speed[own]));
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        row->is_active = row->type == COTREE_ROW_STOP && takes_part(row);
+        if (row->type != COTREE_ROW_STOP) continue;
+        row->mode = row->impact_role > 0 ? row->side : COTREE_F(0.0);
+        row->required_rate = row->gap_rate - row->side * cotree_jumps_speed_change(
+                                                             &e->jumps, row->restitution_event);
+        e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(row->gap_rate));
     }
-    for (k = 0; k < e->n_contact_friction; ++k) {
-        const int i = e->contact_friction[k];
-        e->is_active[i] = takes_part(e, e->normal_stop[i]);
-        e->slip_sign[i] = COTREE_F(0.0);
-        e->modes[i] = e->modes[e->normal_stop[i]] == COTREE_F(0.0) ? COTREE_F(2.0) : COTREE_F(0.0);
-        cotree_find_slip(e, i, e->slip_speed + 2 * k);
-        e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(e->slip_speed[2 * k]) +
-                                                           COTREE_FABS(e->slip_speed[2 * k + 1]));
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        if (row->stop == NULL) continue;
+        row->is_active = takes_part(row->stop);
+        row->slip_sign = COTREE_F(0.0);
+        row->mode = row->stop->mode == COTREE_F(0.0) ? COTREE_F(2.0) : COTREE_F(0.0);
+        cotree_find_slip(e, row, row->slip_speed);
+        e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(row->slip_speed[0]) +
+                                                           COTREE_FABS(row->slip_speed[1]));
     }
 }
+
+/* Return the first stop. */
+static const cotree_row *first_stop(const cotree_events *e) { return END_OF_ROWS - e->n_stops; }
 
 /* Determine which stops have an impulse, and the modes of friction at their contacts. */
 static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
-    int status, lossy;
+    const cotree_row *lossy;
+    int status;
     init_impact(e);
     e->is_impact = 1;
     status = cotree_solve_modes(e, t, w);
-    lossy = status == 0 ? find_lossy_load(e) : -1;
+    lossy = status == 0 ? find_lossy_load(e) : NULL;
     e->is_impact = 0;
-    if (lossy >= 0) return cotree_fail(e, PLACE(lossy, SLIP), t, COTREE_EVENTS_LOSSY_IMPACT);
-    if (status != 0 || e->n_contact_friction == 0 || !gains_energy(e)) return status;
-    return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_ENERGY_GAIN);
+    if (lossy != NULL) return cotree_fail(e, lossy->event, t, COTREE_EVENTS_LOSSY_IMPACT);
+    if (status != 0 || !e->has_contact_friction || !gains_energy(e)) return status;
+    return cotree_fail(e, first_stop(e)->event, t, COTREE_EVENTS_ENERGY_GAIN);
 }
 
 /* Fail if an impact changes the rate of a gap that closes at a different time for other parameters:
@@ -266,74 +232,55 @@ static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
  * speeds of the last trial. */
 static int check_independent(cotree_events *e, cotree_real t)
 {
-    int k;
-    for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-        const int own = k - cotree_first_stop(e);
-        const cotree_real after = cotree_opening_speed(e, k),
-                          change = after - e->opening_speed[own];
-        const int is_changed =
-            e->impact_role[own] == -1 && COTREE_FABS(change) > cotree_zero_opening_speed(e, k);
-        const int is_turned = e->impact_role[own] == -2 && after < -cotree_closing_uncertainty(e);
-        if (e->run->n_blocks > 1 && (is_changed || is_turned)) {
-            return cotree_fail(e, cotree_closed_gap(e, k), t, COTREE_EVENTS_COUPLED_IMPACTS);
-        }
+    const cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS && e->run->n_blocks > 1; ++row) {
+        const cotree_real after = cotree_gap_rate(e, row);
+        if (row->type != COTREE_ROW_STOP) continue;
+        if ((row->impact_role == -1 &&
+             COTREE_FABS(after - row->gap_rate) > cotree_zero_gap_rate(e, row)) ||
+            (row->impact_role == -2 && after < -cotree_gap_rate_error(e)))
+            return cotree_fail(e, cotree_closed_gap(row), t, COTREE_EVENTS_COUPLED_IMPACTS);
     }
     return 0;
 }
 
-/* Apply an impulse as part of the last event. A failure names the first event of mode k. */
-static int apply_impulse(cotree_events *e, const cotree_impulse *s, cotree_real t, cotree_real *w,
-                         int k)
+/* Apply an impulse as part of the last event. */
+static int apply_impulse(cotree_events *e, int is_residual, cotree_real t, cotree_real *w)
 {
-    return cotree_jumps_apply_impulse(&e->jumps, s, t, w) == 0
+    return cotree_jumps_apply_impulse(&e->jumps, e->rows, e->n_rows, is_residual, t, w) == 0
                ? 0
-               : cotree_fail(e, PLACE(k, SLIP), t, COTREE_EVENTS_FAILED);
+               : cotree_fail(e, e->rows->event, t, COTREE_EVENTS_FAILED);
 }
 
 #if COTREE_HAS_DISCS
-/* Return whether friction on a plane in space has just stopped slipping. */
-static int ends_slip(const cotree_events *e, int k, const cotree_real *w)
-{
-    return cotree_is_disc(e, k) && e->modes[k] == COTREE_F(0.0) &&
-           w[PLACE(k, MODE_STATE)] == COTREE_F(1.0);
-}
-
 /* By an impulse, remove the slip that remains when sliding on a plane in space ends. At very low
  * speeds the direction of the slip is not resolved, and its two components do not vanish
  * together. */
 int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    cotree_impulse s;
-    int k, is_needed = 0;
-    for (k = 0; k < e->n_frictions; ++k) is_needed = is_needed || ends_slip(e, k, w);
-    if (!is_needed) return 0;
-    s = impact_of(e);
-    s.is_residual = 1;
-    for (k = 0; k < s.n_edges; ++k) e->impact_events[k] = -1;
-    for (k = 0; k < e->n_modes; ++k) {
-        const int is_own = ends_slip(e, k, w);
+    cotree_row *row;
+    int is_needed = 0;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        const int is_own = cotree_is_disc(row) && row->mode == COTREE_F(0.0) &&
+                           w[row->mode_state] == COTREE_F(1.0);
         /* Closed stops stay closed; all other speeds across sticking edges remain constant. */
-        e->kernel_modes[k] = is_own ? KERNEL_STICKS : e->modes[k];
+        row->kernel_mode = is_own ? KERNEL_STICKS : row->mode;
+        row->struck_events[0] = is_own ? row->event : -1;
+        row->struck_events[1] = is_own ? row->limits[0] : -1;
+        is_needed = is_needed || is_own;
     }
-    for (k = 0; k < e->n_contact_friction; ++k) {
-        const int i = e->contact_friction[k];
-        if (!ends_slip(e, i, w)) continue;
-        e->impact_events[e->n_stops + k] = PLACE(i, SLIP);
-        e->impact_events[e->n_stops + e->n_contact_friction + e->disc[i]] = PLACE(i, FORWARD_LIMIT);
-    }
-    return apply_impulse(e, &s, t, w, 0);
+    return is_needed ? apply_impulse(e, 1, t, w) : 0;
 }
 #endif
 
 /* Mark the events of an impact. */
 static void mark_impact_events(cotree_events *e)
 {
-    int k;
-    for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-        const int own = k - cotree_first_stop(e);
-        if (e->impact_role[own] <= 0) continue;
-        e->is_impact_event[cotree_closed_gap(e, k)] = 1;
-        if (e->ends_at_rest[own]) e->is_impact_event[PLACE(k, REBOUND)] = 1;
+    const cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        if (row->type != COTREE_ROW_STOP || row->impact_role <= 0) continue;
+        e->is_impact_event[cotree_closed_gap(row)] = 1;
+        if (row->ends_at_rest) e->is_impact_event[row->event] = 1;
     }
 }
 
@@ -350,55 +297,45 @@ void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
     }
 }
 
-/* Return whether a gap that was closed until now has a nonzero rate. */
-static int has_residues(const cotree_events *e)
-{
-    int i;
-    for (i = 0; i < e->n_stops; ++i) {
-        if (e->was_holding[i] && e->opening_speed[i] != COTREE_F(0.0)) return 1;
-    }
-    return 0;
-}
-
 /* Remove the rates of gaps that were closed until t, and the slips of contacts that stuck, by an
  * impulse. They are integration errors, since only forces have acted. Otherwise a gap that opens at
  * zero acceleration would close again at the speed of the error. */
-static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w)
+static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
-    const int first = cotree_first_stop(e);
-    cotree_impulse s;
-    int k;
-    for (k = 0; k < e->n_modes; ++k) e->modes[k] = w[PLACE(k, MODE_STATE)];
-    for (k = first; k < e->n_modes; ++k) e->restitution_event[k - first] = PLACE(k, REBOUND);
-    s = impact_of(e);
-    s.is_residual = 1;
-    return apply_impulse(e, &s, t, w, first);
+    cotree_row *row;
+    int is_needed = 0;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        if (row->type == COTREE_ROW_STOP && row->was_closed && row->gap_rate != COTREE_F(0.0))
+            is_needed = 1;
+    }
+    if (!is_needed) return 0;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        row->mode = w[row->mode_state];
+        if (row->type == COTREE_ROW_STOP) row->restitution_event = row->event;
+    }
+    prepare_impulse(e);
+    return apply_impulse(e, 1, t, w) != 0 ? e->failure : find_closed_gaps(e, t, w, fired);
 }
 
 /* Repeat impacts at w until no closed gap has a negative rate. */
 int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     /* Events of the model itself, of kind 0, may set speeds; others cannot. */
-    const int is_of_forces = fired >= 0 && e->rows[fired].kind != 0;
+    const int is_of_forces = fired >= 0 && e->events[fired].kind != 0;
     int round;
     for (round = 0; e->n_stops > 0 && round < COTREE_EVENT_ROUNDS; ++round) {
-        cotree_impulse s;
         int status = find_closed_gaps(e, t, w, fired);
-        if (status == 0 && round == 0 && is_of_forces && has_residues(e)) {
-            status = remove_residues(e, t, w);
-            if (status == 0) status = find_closed_gaps(e, t, w, fired);
-        }
+        if (status == 0 && round == 0 && is_of_forces) status = remove_residues(e, t, w, fired);
         if (status != 0) return status;
         if (find_impact_roles(e, fired) == 0) return 0;
         status = select_restitution_events(e, t, w);
-        if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, w) != 0) {
-            status = cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_FAILED);
-        }
+        if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, w) != 0)
+            status = cotree_fail(e, first_stop(e)->event, t, COTREE_EVENTS_FAILED);
         if (status == 0) status = solve_impact(e, t, w);
         if (status == 0) status = check_independent(e, t);
         if (status != 0) return status;
-        s = impact_of(e);
-        if (apply_impulse(e, &s, t, w, cotree_first_stop(e)) != 0) return e->failure;
+        prepare_impulse(e);
+        if (apply_impulse(e, 0, t, w) != 0) return e->failure;
         mark_impact_events(e);
     }
     return 0;

@@ -36,7 +36,7 @@ cotree_real cotree_tolerance(const cotree_events *e, int i)
 cotree_real cotree_rounding_band(const cotree_events *e, int i)
 {
     const cotree_real rounding = COTREE_SCAN_ROUNDING * e->value_scale[i];
-    if (e->n_modes == 0 || !e->stays_at_zero[i]) return rounding;
+    if (e->n_rows == 0 || !e->stays_at_zero[i]) return rounding;
     if (e->zero_level[i] > COTREE_F(0.0)) return COTREE_FMAX(rounding, e->zero_level[i]);
     /* A slip rate that has just left zero is only as accurate as its terms, which may be large. A
      * gap is only as accurate as it was when its stop opened. */
@@ -47,23 +47,23 @@ cotree_real cotree_rounding_band(const cotree_events *e, int i)
 /* Return whether an event function belongs to dry friction or to a load. */
 int cotree_is_of_friction(const cotree_events *e, int i)
 {
-    return e->rows[i].kind >= COTREE_FRICTION_SLIP && e->rows[i].kind <= COTREE_FRICTION_LOAD;
+    return e->events[i].kind >= COTREE_FRICTION_SLIP && e->events[i].kind <= COTREE_FRICTION_LOAD;
 }
 
 /* Return whether an event function is the gap of a stop. */
 int cotree_is_gap(const cotree_events *e, int i)
 {
-    return e->rows[i].kind == COTREE_STOP_UPPER || e->rows[i].kind == COTREE_STOP_LOWER;
+    return e->events[i].kind == COTREE_STOP_UPPER || e->events[i].kind == COTREE_STOP_LOWER;
 }
 
 /* Return whether an event function stays at zero, so that its sign is a rounding error, such as the
  * slip rate of a constraint that has just started to slide. */
 int cotree_stays_at_zero(const cotree_events *e, int i)
 {
-    return e->n_modes > 0 && e->stays_at_zero[i];
+    return e->n_rows > 0 && e->stays_at_zero[i];
 }
 
-int cotree_is_kink(const cotree_events *e, int i) { return e->rows[i].kind >= COTREE_KINK; }
+int cotree_is_kink(const cotree_events *e, int i) { return e->events[i].kind >= COTREE_KINK; }
 
 /* Return the magnitude above which an event function counts as nonzero. At a kink or a continuous
  * jump, errors within the tolerance have no effect. */
@@ -124,8 +124,8 @@ int cotree_project(cotree_events *e, cotree_real t, cotree_real *w)
 /* Return whether two events belong to the same discontinuous expression. */
 int cotree_is_of_same_jump(const cotree_events *e, int i, int k)
 {
-    return e->rows[i].kind == COTREE_JUMP && e->rows[k].kind == 1 &&
-           e->rows[i].targets[0] == e->rows[k].targets[0];
+    return e->events[i].kind == COTREE_JUMP && e->events[k].kind == 1 &&
+           e->events[i].targets[0] == e->events[k].targets[0];
 }
 
 /* Compute, across a jump, the changes of all rates and event functions, with their magnitudes, and
@@ -151,10 +151,10 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     cotree_copy(e->n_events, e->jumps.values, shift);
     if (status == 0) status = cotree_jumps_values(&e->jumps, t, w);
     for (k = 0; k < e->n_events; ++k) {
-        const int mode = e->rows[k].subtracts_mode ? e->rows[k].targets[0] : 0;
+        const int mode = e->events[k].subtracts_mode ? e->events[k].targets[0] : 0;
         shift[k] -= e->jumps.values[k];
         /* This function is a value minus a mode, so it changes with the mode. */
-        if (e->rows[k].subtracts_mode) shift[k] += x[mode] - w[mode];
+        if (e->events[k].subtracts_mode) shift[k] += x[mode] - w[mode];
     }
     *value = e->jumps.values[i];
     return status;
@@ -182,7 +182,7 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
     cotree_real *const shift = e->shift, *const shift_aside = e->shift + e->n_events;
     cotree_real far = COTREE_F(1.0), g, g_aside = COTREE_F(0.0), share = COTREE_F(0.0);
     int k, m, status, is_same = 1, is_finite = 1;
-    if (e->rows[i].kind != COTREE_JUMP) return 0;
+    if (e->events[i].kind != COTREE_JUMP) return 0;
     status = compare_sides(e, i, t, w, change, size, shift, &g);
     for (m = 0; m < MAX_ASIDE_POINTS && status == 0; ++m) {
         far *= ASIDE_TOLERANCES;
@@ -208,7 +208,7 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
                                                  COTREE_FMAX(least, SAME_RTOL * size[k]));
     }
     for (k = 0; k < e->n_events && status == 0; ++k) {
-        if (e->rows[k].kind != COTREE_JUMP) continue;
+        if (e->events[k].kind != COTREE_JUMP) continue;
         is_same =
             is_same && vanishes_at_surface(shift[k], shift_aside[k], share, cotree_tolerance(e, k));
     }
@@ -298,7 +298,8 @@ int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
 static cotree_real crossing_margin(const cotree_events *e, int i)
 {
     if (e->n_frictions == 0 || !e->stays_at_zero[i]) return COTREE_F(0.0);
-    return e->rows[i].kind == COTREE_FRICTION_SLIP ? cotree_rounding_band(e, i) : e->zero_level[i];
+    return e->events[i].kind == COTREE_FRICTION_SLIP ? cotree_rounding_band(e, i)
+                                                     : e->zero_level[i];
 }
 
 static cotree_real value_at(cotree_events *e, int i, cotree_real t)
@@ -388,7 +389,7 @@ int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
     int i;
     for (i = 0; i < e->n_events; ++i) {
         const cotree_real counted =
-            e->rows[i].subtracts_mode ? COTREE_FABS(w[e->rows[i].targets[0]]) : COTREE_F(0.0);
+            e->events[i].subtracts_mode ? COTREE_FABS(w[e->events[i].targets[0]]) : COTREE_F(0.0);
         if (!(COTREE_FABS(g[i]) <= COTREE_MAX)) {
             if (cotree_is_kink(e, i)) continue;
             return cotree_fail(e, i, t, COTREE_EVENTS_NOT_FINITE);

@@ -10,7 +10,7 @@
 #include <math.h>
 #include <stddef.h>
 
-int cotree_has_range(const cotree_events *e, int i) { return e->rows[i].range >= 0; }
+int cotree_has_range(const cotree_events *e, int i) { return e->events[i].range >= 0; }
 
 /* Return the quantities from the last evaluation. */
 const cotree_real *cotree_quantities_of(const cotree_events *e)
@@ -43,7 +43,8 @@ int cotree_compute_ranges(cotree_events *e, cotree_real t)
 int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
                           cotree_real at_b, cotree_real width)
 {
-    const cotree_side_range r = cotree_range_on_side(e->ranges + N_BOUNDS * e->rows[i].range, side);
+    const cotree_side_range r =
+        cotree_range_on_side(e->ranges + N_BOUNDS * e->events[i].range, side);
     const cotree_real least = cotree_detection_level(e, i), a = side * at_a, b = side * at_b;
     if (r.low > least) return RANGE_NONZERO;
     if (cotree_is_monotone(r)) return RANGE_MONOTONE;

@@ -139,7 +139,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     for (i = 0; i < N_STATES; ++i) m->z[i] = m->run.full[i];
     news->terminates = e->terminal_event >= 0;
     for (i = 0; i < e->n_events; ++i) {
-        if (e->has_fired[i]) fmu_log(m, FMU_OK, "event '%s' at t = %.10g", e->rows[i].name, t);
+        if (e->has_fired[i]) fmu_log(m, FMU_OK, "event '%s' at t = %.10g", e->events[i].name, t);
     }
     return 0;
 }

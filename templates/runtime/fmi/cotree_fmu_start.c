@@ -106,11 +106,11 @@ static int select_modes(fmu *m)
     fmu_set_projection(m, 0);
     if (status != 0) {
         return fmu_refuse(m, "event '%s' stops the initialization at t = %.10g: %s",
-                          e->rows[e->event].name, t, cotree_events_message(status));
+                          e->events[e->event].name, t, cotree_events_message(status));
     }
     for (i = 0; i < e->n_events; ++i) {
-        if (e->rows[i].kind > COTREE_JUMP)
-            m->z[e->rows[i].targets[0]] = m->work[e->rows[i].targets[0]];
+        if (e->events[i].kind > COTREE_JUMP)
+            m->z[e->events[i].targets[0]] = m->work[e->events[i].targets[0]];
     }
     for (i = 0; i < N_RATES && e->n_stops > 0; ++i) m->z[i] = m->work[i];
     fmu_invalidate(m);

@@ -14,30 +14,33 @@ static int speed_change_place(const cotree_jumps *j, int event)
 
 /* Write the prescribed changes of speed and their sensitivities to z; if is_struck is 0, write
  * zeros. */
-static void set_required_changes(cotree_jumps *j, const cotree_impulse *s, int is_struck,
+static void set_required_changes(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_struck,
                                  cotree_real *z)
 {
     const cotree_real *const t_p = j->time_sensitivity;
     const int n_values = N_EVENTS + N_JUMPS;
-    int i, n;
-    for (i = 0; i < s->n_edges; ++i) {
-        const int at =
-            is_struck && s->speed_events[i] >= 0 ? speed_change_place(j, s->speed_events[i]) : -1;
-        cotree_real *own = z + s->impulse_states[i];
-        *own = at < 0 ? COTREE_F(0.0) : j->new_values[at];
-        for (n = 0; n < N_SENSITIVITIES; ++n) {
-            own += N_STATES;
-            /* The time of the impact also depends on the parameters. */
-            *own = at < 0 ? COTREE_F(0.0)
-                          : j->value_slopes[n * n_values + N_EVENTS + at] +
-                                j->rates[N_EVENTS + at] * t_p[n];
+    int c, i, n;
+    for (i = 0; i < n_rows; ++i) {
+        for (c = 0; c < 2 && rows[i].speed_states[c] >= 0; ++c) {
+            const int event = is_struck ? rows[i].struck_events[c] : -1;
+            const int at = event < 0 ? -1 : speed_change_place(j, event);
+            cotree_real *own = z + rows[i].speed_states[c];
+            *own = at < 0 ? COTREE_F(0.0) : j->new_values[at];
+            for (n = 0; n < N_SENSITIVITIES; ++n) {
+                own += N_STATES;
+                /* The time of the impact also depends on the parameters. */
+                *own = at < 0 ? COTREE_F(0.0)
+                              : j->value_slopes[n * n_values + N_EVENTS + at] +
+                                    j->rates[N_EVENTS + at] * t_p[n];
+            }
         }
     }
 }
 
-/* Compute the rates of all states and sensitivities at z, and the forces with their derivatives. */
-static int evaluate_response(cotree_jumps *j, const cotree_impulse *s, cotree_real t,
-                             const cotree_real *z, cotree_real *rates, cotree_real *forces)
+/* Compute the rates of all states and sensitivities at z, and the event functions, of which some
+ * are forces, with their derivatives. */
+static int evaluate_response(cotree_jumps *j, cotree_real t, const cotree_real *z,
+                             cotree_real *rates, cotree_real *forces)
 {
     cotree_run *const run = j->run;
     const int n_values = N_EVENTS + N_JUMPS;
@@ -50,62 +53,65 @@ static int evaluate_response(cotree_jumps *j, const cotree_impulse *s, cotree_re
     if (status != 0) return status;
     cotree_run_unpack(run, j->packed, rates);
     status = MODEL->events(t, run->full, run->u, run->p, run->k, j->values);
-    for (i = 0; i < s->n_forces; ++i) forces[i] = j->values[s->force_events[i]];
+    for (i = 0; i < N_EVENTS; ++i) forces[i] = j->values[i];
     if (status != 0 || N_SENSITIVITIES == 0) return status;
     status = MODEL->event_sensitivity(t, run->full, run->full + N_STATES, run->u, run->p, run->k,
                                       j->force_slopes);
     for (n = 0; n < N_SENSITIVITIES; ++n) {
-        for (i = 0; i < s->n_forces; ++i) {
-            forces[(1 + n) * s->n_forces + i] = j->force_slopes[n * n_values + s->force_events[i]];
-        }
+        for (i = 0; i < N_EVENTS; ++i)
+            forces[(1 + n) * N_EVENTS + i] = j->force_slopes[n * n_values + i];
     }
     return status;
 }
 
+static void restore_modes(const cotree_row *rows, int n_rows, const cotree_real *from,
+                          cotree_real *z)
+{
+    int c, i;
+    for (i = 0; i < n_rows; ++i) {
+        z[rows[i].mode_state] = from[rows[i].mode_state];
+        for (c = 0; c < 2 && rows[i].direction_states[c] >= 0; ++c)
+            z[rows[i].direction_states[c]] = from[rows[i].direction_states[c]];
+    }
+}
+
 /* Compute the point `after` from `before`, whose sensitivities are those at the time of the
  * impact. */
-static int compute_impact(cotree_jumps *j, const cotree_impulse *s, cotree_real t)
+static int compute_impact(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_residual,
+                          cotree_real t)
 {
     cotree_run *const run = j->run;
-    const int n_forces = s->n_forces * run->n_blocks;
+    const int n_forces = N_EVENTS * run->n_blocks;
     cotree_real *const with = j->response, *const without = with + run->n_full;
     cotree_real *const forces = j->impulse_forces, *const idle = forces + n_forces;
-    int i, n, status;
-    for (i = 0; i < s->n_modes; ++i) j->after[s->places[i * s->stride]] = s->modes[i];
-#if COTREE_HAS_DISCS
-    for (i = 0; i < s->n_directions; ++i) j->after[s->direction_states[i]] = s->directions[i];
-#endif
-    set_required_changes(j, s, 1, j->after);
-    status = evaluate_response(j, s, t, j->after, with, forces);
-    set_required_changes(j, s, 0, j->after);
-    if (status == 0) status = evaluate_response(j, s, t, j->after, without, idle);
+    int c, i, n, status;
+    cotree_rows_store(rows, n_rows, 1, j->after);
+    set_required_changes(j, rows, n_rows, 1, j->after);
+    status = evaluate_response(j, t, j->after, with, forces);
+    set_required_changes(j, rows, n_rows, 0, j->after);
+    if (status == 0) status = evaluate_response(j, t, j->after, without, idle);
     if (status != 0) return status;
+    for (i = 0; i < n_forces; ++i) forces[i] -= idle[i];
     for (n = 0; n < run->n_blocks; ++n) {
         cotree_real *const own = j->after + n * N_STATES;
-        for (i = 0; i < run->n_rates; ++i) {
+        for (i = 0; i < run->n_rates; ++i)
             own[i] += with[n * N_STATES + i] - without[n * N_STATES + i];
-        }
-        for (i = 0; i < s->n_forces; ++i) forces[n * s->n_forces + i] -= idle[n * s->n_forces + i];
-        for (i = 0; i < s->n_edges; ++i) {
-            const int has_impulse = i < s->n_stops && s->speed_events[i] >= 0;
-            const int at = s->impulse_states[i];
-            /* Unlike these forces, impulses are not multiplied by the sign of the side. */
-            own[at] = has_impulse ? forces[n * s->n_forces + i] : COTREE_F(0.0);
-            if (s->is_residual) own[at] = j->before[n * N_STATES + at];
+        for (i = 0; i < n_rows; ++i) {
+            const cotree_row *const row = rows + i;
+            const int has_impulse = row->type == COTREE_ROW_STOP && row->struck_events[0] >= 0;
+            for (c = 0; c < 2 && row->speed_states[c] >= 0; ++c) {
+                const int at = row->speed_states[c];
+                /* Unlike these forces, impulses are not multiplied by the sign of the side. */
+                own[at] = has_impulse ? forces[n * N_EVENTS + row->limits[0]] : COTREE_F(0.0);
+                if (is_residual) own[at] = j->before[n * N_STATES + at];
+            }
         }
     }
-    for (i = 0; i < s->n_modes; ++i) {
-        const int place = s->places[i * s->stride];
-        j->after[place] = j->before[place];
-    }
-#if COTREE_HAS_DISCS
-    for (i = 0; i < s->n_directions; ++i)
-        j->after[s->direction_states[i]] = j->before[s->direction_states[i]];
-#endif
+    restore_modes(rows, n_rows, j->before, j->after);
     return 0;
 }
 
-int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_real t,
+int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_row *rows, int n_rows, cotree_real t,
                              const cotree_real *w, cotree_real *after)
 {
     cotree_run *const run = j->run;
@@ -118,15 +124,15 @@ int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_re
     for (i = 0; i < N_STATES; ++i) j->before[i] = j->after[i] = run->full[i];
     if (status == 0) status = cotree_run_inputs(run, t);
     if (status == 0) status = MODEL->jumps(t, j->before, run->u, run->p, run->k, j->new_values);
-    if (status == 0) status = compute_impact(j, s, t);
+    if (status == 0) status = compute_impact(j, rows, n_rows, 0, t);
     if (status == 0) cotree_run_narrow(run, t, j->after, after);
     run->n_blocks = n_blocks;
     run->n_full = n_full;
     return status;
 }
 
-int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_real t,
-                               cotree_real *w)
+int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_residual,
+                               cotree_real t, cotree_real *w)
 {
     cotree_run *const run = j->run;
     cotree_real *const x = j->before;
@@ -145,7 +151,7 @@ int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_
         cotree_real *const own = j->after + (1 + n) * N_STATES;
         for (i = 0; i < run->n_rates; ++i) own[i] += j->time_sensitivity[n] * j->state_rates[i];
     }
-    status = compute_impact(j, s, t);
+    status = compute_impact(j, rows, n_rows, is_residual, t);
     /* The sensitivities already include the rates before the impact. */
     for (i = 0; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
     return status == 0 ? cotree_complete_event(j, &no_event, t, w) : status;

@@ -9,19 +9,14 @@ int cotree_is_contact_slip(const cotree_event *event)
     return event->kind == COTREE_FRICTION_SLIP && event->n_targets > 2;
 }
 
-/* Count the forces evaluated in an impact: one for each stop and load, two for friction at a
- * contact, three for friction on a plane in space. */
-static int count_impulse_forces(const cotree_hybrid *h)
+/* Return whether a model has rigid stops, and hence impacts. */
+static int has_impacts(const cotree_hybrid *h)
 {
-    int i, n = 0, n_loads = 0;
+    int i;
     for (i = 0; i < h->n_events; ++i) {
-        const cotree_event *const row = h->events + i;
-        n += row->kind == COTREE_STOP_REBOUND;
-        n += 2 * cotree_is_contact_slip(row);
-        n += row->kind == COTREE_FRICTION_SECOND_IMPULSE;
-        n_loads += row->kind == COTREE_FRICTION_LOAD;
+        if (h->events[i].kind == COTREE_STOP_REBOUND) return 1;
     }
-    return n > 0 ? n + n_loads : 0;
+    return 0;
 }
 
 void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
@@ -44,7 +39,6 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
                                                 0,
                                                 NULL};
 #endif
-    int n_forces;
     j->run = run;
     j->hybrid = h;
     j->values = cotree_arena_reals(arena, h->n_events + h->n_branches + h->n_quantities);
@@ -55,12 +49,11 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
     j->state_rates = cotree_arena_reals(arena, n);
     j->value_slopes = cotree_arena_reals(arena, m * n_values);
     j->new_values = cotree_arena_reals(arena, h->n_jumps);
-    n_forces = count_impulse_forces(h);
-    if (n_forces > 0) {
+    if (has_impacts(h)) {
         j->w_work = cotree_arena_reals(arena, run->n_full);
         j->packed = cotree_arena_reals(arena, run->n_full);
         j->response = cotree_arena_reals(arena, 2 * run->n_full);
-        j->impulse_forces = cotree_arena_reals(arena, 2 * n_forces * run->n_blocks);
+        j->impulse_forces = cotree_arena_reals(arena, 2 * h->n_events * run->n_blocks);
         j->force_slopes = cotree_arena_reals(arena, m * n_values);
     }
 #if COTREE_HAS_CONSTRAINTS
@@ -338,8 +331,18 @@ int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w
     return cotree_complete_event(j, row, t, w);
 }
 
-int cotree_jumps_set_modes(cotree_jumps *j, cotree_real t, cotree_real *w, int n_modes,
-                           const int *places, int stride, const cotree_real *modes)
+void cotree_rows_store(const cotree_row *rows, int n_rows, int is_impact, cotree_real *x)
+{
+    int c, i;
+    for (i = 0; i < n_rows; ++i) {
+        x[rows[i].mode_state] = is_impact ? rows[i].kernel_mode : rows[i].mode;
+        for (c = 0; c < 2 && rows[i].direction_states[c] >= 0; ++c)
+            x[rows[i].direction_states[c]] = rows[i].direction[c];
+    }
+}
+
+int cotree_jumps_set_modes(cotree_jumps *j, const cotree_row *rows, int n_rows, cotree_real t,
+                           cotree_real *w)
 {
     cotree_run *const run = j->run;
     int i, status;
@@ -348,6 +351,6 @@ int cotree_jumps_set_modes(cotree_jumps *j, cotree_real t, cotree_real *w, int n
     for (i = 0; i < run->n_full; ++i) j->before[i] = j->after[i] = run->full[i];
     if (status == 0) status = cotree_compute_rates_at(j, t, j->before);
     if (status != 0) return status;
-    for (i = 0; i < n_modes; ++i) j->after[places[i * stride]] = modes[i];
+    cotree_rows_store(rows, n_rows, 0, j->after);
     return cotree_complete_event(j, &no_event, t, w);
 }

@@ -11,6 +11,7 @@
 #define COTREE_JUMPS_H
 
 #include "cotree_event_kinds.h"
+#include "cotree_rows.h"
 #include "cotree_run.h"
 #if COTREE_HAS_CONSTRAINTS
 #include "cotree_assembly.h"
@@ -40,25 +41,6 @@ typedef struct cotree_jumps {
 #endif
 } cotree_jumps;
 
-/* Data of an impulse at one or several constraints. */
-typedef struct cotree_impulse {
-    int is_residual; /* 1: removes errors of speeds; impulse_states keep their values */
-    int n_modes, stride;
-    const int *places;        /* state indices of the modes: places[k * stride] for mode k */
-    const cotree_real *modes; /* modes during the impact */
-#if COTREE_HAS_DISCS
-    int n_directions; /* directions of sliding on planes in space */
-    const int *direction_states;
-    const cotree_real *directions; /* directions of sliding during the impact */
-#endif
-    int n_edges, n_stops;      /* edges: stops, contact friction, its second components */
-    const int *impulse_states; /* states that are set to the change of speed */
-    const int *speed_events;   /* events whose last new value is the change of speed; -1: none */
-    int n_forces;
-    const int *force_events; /* forces of stops, distances of friction from both limits, loads, and
-                                second components of friction on planes in space */
-} cotree_impulse;
-
 /* Return whether an event begins or ends slip at a contact, whose normal force is that of a stop:
  * its targets are the mode, the mode of the stop, and the impulse. */
 int cotree_is_contact_slip(const cotree_event *event);
@@ -82,17 +64,21 @@ int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w);
 int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                        int is_time_fixed);
 
-/* Set modes as part of the last event. The state of mode k is places[k * stride]. */
-int cotree_jumps_set_modes(cotree_jumps *j, cotree_real t, cotree_real *w, int n_modes,
-                           const int *places, int stride, const cotree_real *modes);
+/* Write the modes of all rows, or those of an impact, and the directions of sliding to x. */
+void cotree_rows_store(const cotree_row *rows, int n_rows, int is_impact, cotree_real *x);
 
-/* Apply an impulse as part of the last event. Modes are unchanged. */
-int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_real t,
-                               cotree_real *w);
+/* Set the modes of all rows, and their directions of sliding, as part of the last event. */
+int cotree_jumps_set_modes(cotree_jumps *j, const cotree_row *rows, int n_rows, cotree_real t,
+                           cotree_real *w);
 
-/* Compute the states after an impulse, without sensitivities, and write its components to
- * impulse_forces. */
-int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_real t,
+/* Apply an impulse to the rows as part of the last event. Modes are unchanged. is_residual: 1 if
+ * it removes errors of speeds, so that it is not recorded in the states. */
+int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_residual,
+                               cotree_real t, cotree_real *w);
+
+/* Compute the states after an impulse, without sensitivities, and write the changes of all event
+ * functions, of which some are impulses, to impulse_forces. */
+int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_row *rows, int n_rows, cotree_real t,
                              const cotree_real *w, cotree_real *after);
 
 /* Compute the new values of all events at w. */

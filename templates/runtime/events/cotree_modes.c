@@ -1,0 +1,260 @@
+/* cotree_modes.c: selection of the modes of all rows at a point.
+ *
+ * Rows whose slip rate, or gap rate at a closed gap, is zero are active: the complementarity
+ * conditions determine their modes (cotree_complementarity.c). Friction of any other row slides in
+ * the direction of its slip, and any other stop is open. */
+#include "cotree_events_internal.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+#if COTREE_HAS_MODES
+/* Growth factor of the zero level of a force at its limit, applied each time the force crosses zero
+ * without effect. */
+#define ZERO_LEVEL_GROWTH COTREE_F(10.0)
+
+/* Slips below this speed, [m/s], end together with another slip: it is ten times the speed below
+ * which the direction of sliding on a plane is not resolved. */
+#define UNRESOLVED_SLIP COTREE_F(1e-6)
+
+/* Evaluate the event functions and their rates in the modes of the trial. */
+int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w)
+{
+    int k, status;
+    cotree_copy(e->n, w, e->trial);
+    cotree_rows_store(e->rows, e->n_rows, 0, e->trial);
+    status = cotree_compute_values(e, t, e->trial);
+    cotree_copy(e->n_events, e->jumps.values, e->samples);
+    if (status == 0) status = cotree_update_scales(e, t, e->trial, e->samples);
+    if (status == 0) status = cotree_compute_rates(e, t, e->trial);
+    e->largest_rate = COTREE_F(0.0);
+    for (k = 0; k < e->run->n_rates; ++k)
+        e->largest_rate = COTREE_FMAX(e->largest_rate, COTREE_FABS(e->jumps.state_rates[k]));
+    return status;
+}
+
+/* Return the sign of an event function. If it is zero within the uncertainty of its time, return
+ * the sign of its rate. */
+cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t, cotree_real size)
+{
+    const cotree_real rate = e->jumps.rates[i], g = e->samples[i];
+    const cotree_real late = COTREE_F(4.0) * cotree_spacing(t) * COTREE_FABS(rate);
+    if (COTREE_FABS(g) > COTREE_FMAX(COTREE_FMAX(cotree_rounding_band(e, i), e->force_noise),
+                                     COTREE_FMAX(LIMIT_RTOL * size, late)))
+        return cotree_sign_of(g);
+    return COTREE_FABS(rate) * e->span > COTREE_FMAX(ACCELERATION_RTOL * size, e->atol)
+               ? cotree_sign_of(rate)
+               : COTREE_F(0.0);
+}
+
+/* Evaluate the motion with all friction sliding in the given direction and all stops open. */
+static int evaluate_sliding(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real mode)
+{
+    cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS; ++row)
+        row->mode = row->type == COTREE_ROW_FRICTION ? mode
+                    : row->type == COTREE_ROW_LOAD   ? w[row->mode_state]
+                                                     : COTREE_F(0.0);
+    return cotree_evaluate_motion(e, t, w);
+}
+
+/* Determine whether a friction row is active, and otherwise its mode. */
+static int find_slip(cotree_events *e, cotree_row *row, cotree_real t, const cotree_real *w,
+                     int fired)
+{
+    const int i = row->event, is_end = fired >= 0 && e->events[fired].kind == COTREE_FRICTION_SLIP;
+    const int is_one_way = row->limits[1] < 0, is_disc = cotree_is_disc(row);
+    const cotree_real rate = e->jumps.rates[i], mode = w[row->mode_state];
+#if COTREE_HAS_DISCS
+    const cotree_real v = is_disc ? cotree_disc_speed(e, row, mode) : e->samples[i];
+#else
+    const cotree_real v = e->samples[i];
+#endif
+    cotree_real near = ZERO_ROUNDINGS * (COTREE_SCAN_ROUNDING * e->value_scale[i] +
+                                         cotree_spacing(t) * COTREE_FABS(rate));
+    near = COTREE_FMAX(near, cotree_rounding_band(e, i));
+    /* In mode -1 the slip rate has the opposite sign: the sum is the difference of the
+     * accelerations. */
+    row->acceleration_scale =
+        COTREE_FMAX(COTREE_FABS(row->acceleration_scale + rate),
+                    COTREE_FMAX(COTREE_FABS(row->acceleration_scale), COTREE_FABS(rate)));
+    /* A one-way clutch whose backward slip rate is below a tolerance is at rest. */
+    if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && is_one_way))
+        near = COTREE_FMAX(near, cotree_tolerance(e, i));
+    /* All contacts of one body stop slipping together. */
+    if (is_end && is_disc) near = COTREE_FMAX(near, UNRESOLVED_SLIP);
+    if (mode == COTREE_F(0.0) && row->stop != NULL)
+        near = COTREE_FMAX(near, cotree_gap_rate_error(e));
+    row->is_active = i == fired || e->is_stepped_over[i] || COTREE_FABS(v) <= near;
+    /* Friction sticks again when its slip starts: the force reaches its limit, but does not exceed
+     * it. */
+    row->is_resticking = i == fired && t - row->slide_start <= COTREE_F(4.0) * cotree_spacing(t);
+    if (row->engaged >= 0 &&
+        cotree_moving_side(e, row->engaged, t, e->value_scale[row->engaged]) <= COTREE_F(0.0)) {
+        row->is_active = 0;
+        row->mode = COTREE_F(2.0);
+    } else if (row->stop != NULL) {
+        /* The mode of contact friction changes with that of its stop. A sliding contact keeps its
+         * direction. */
+        row->is_active =
+            row->is_active || (mode == COTREE_F(2.0) && COTREE_FABS(v) <= cotree_gap_rate_error(e));
+        row->slip_sign = row->is_active ? COTREE_F(0.0) : cotree_sign_of(v);
+        row->mode = COTREE_F(2.0);
+    } else if (row->is_active) {
+        row->mode = COTREE_F(0.0);
+    } else {
+        row->mode = cotree_sign_of(v);
+        if (v < COTREE_F(0.0) && is_one_way)
+            return cotree_fail(e, i, t, COTREE_EVENTS_LOCKED_DIRECTION);
+    }
+    return 0;
+}
+
+/* Determine whether a stop is active, which is closed with zero gap rate, and set its mode to
+ * open. */
+static void find_gap(cotree_events *e, cotree_row *row)
+{
+    row->is_active =
+        row->side != COTREE_F(0.0) && COTREE_FABS(row->gap_rate) <= cotree_zero_gap_rate(e, row);
+    /* The scale is the largest acceleration so far: at this time the forces may be small by
+     * chance. */
+    row->acceleration_scale = row->largest_acceleration =
+        COTREE_FMAX(row->largest_acceleration,
+                    COTREE_FABS(cotree_jumps_speed_change_rate(&e->jumps, row->event)));
+}
+
+/* Find the active rows, and set the modes of the others. */
+static int find_active(cotree_events *e, cotree_real t, const cotree_real *w, int fired)
+{
+    cotree_row *row;
+    int status = evaluate_sliding(e, t, w, -COTREE_F(1.0));
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        if (row->type == COTREE_ROW_FRICTION) row->acceleration_scale = e->jumps.rates[row->event];
+    }
+    if (status == 0) status = evaluate_sliding(e, t, w, COTREE_F(1.0));
+#if COTREE_HAS_DISCS
+    if (status == 0 && e->n_discs > 0 &&
+        cotree_jumps_compute_new_values(&e->jumps, t, e->trial) != 0)
+        status = cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
+#endif
+    for (row = e->rows; row < END_OF_ROWS && status == 0; ++row) {
+        if (row->type == COTREE_ROW_FRICTION) status = find_slip(e, row, t, w, fired);
+        if (row->type == COTREE_ROW_STOP) find_gap(e, row);
+    }
+    return status;
+}
+
+/* Set whether a force stays at its limit, as it does if both limits are zero, and for a load at
+ * zero. The zero level grows each time the force crosses zero without effect. */
+static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back, cotree_real t,
+                              int fired)
+{
+    const cotree_real g = COTREE_FABS(e->samples[i]), size = COTREE_FMAX(g, e->value_scale[i]);
+    e->stays_at_zero[i] = may_rest && (cotree_moving_side(e, i, t, size) == COTREE_F(0.0) ||
+                                       (is_back && g <= LIMIT_RTOL * size) ||
+                                       (i == fired && g <= cotree_tolerance(e, i)));
+    e->zero_level[i] *= i == fired ? ZERO_LEVEL_GROWTH : COTREE_F(1.0);
+    e->zero_level[i] = COTREE_FMAX(COTREE_FMAX(e->zero_level[i], TERM_ROUNDINGS * g),
+                                   COTREE_FMAX(LIMIT_RTOL * size, cotree_tolerance(e, i)));
+    if (!e->stays_at_zero[i]) e->zero_level[i] = COTREE_F(0.0);
+}
+
+/* Determine which event functions of a row stay at zero in the selected mode. */
+static void update_zero_levels(cotree_events *e, cotree_row *row, cotree_real t, int fired)
+{
+    const int i = row->event, is_free = row->is_active && !cotree_is_holding(row);
+    int c;
+    if (row->type == COTREE_ROW_LOAD) update_zero_level(e, i, 1, 0, t, fired);
+    if (row->type == COTREE_ROW_FRICTION) {
+        e->stays_at_zero[i] = is_free;
+        if (is_free) row->slide_start = t;
+    }
+    for (c = 0; c < 2; ++c) {
+        const int gap = row->gaps[c], limit = row->limits[c];
+        if (row->type == COTREE_ROW_FRICTION && limit >= 0)
+            update_zero_level(e, limit, cotree_is_holding(row), row->is_resticking, t, fired);
+        if (gap < 0) continue;
+        /* A closed gap that is free to open. */
+        e->stays_at_zero[gap] = is_free && gap == cotree_closed_gap(row);
+        e->gap_at_release[gap] = e->stays_at_zero[gap] ? row->gap : COTREE_F(0.0);
+    }
+}
+
+/* Return whether a row has another mode or direction than at w. */
+static int is_changed(const cotree_row *row, const cotree_real *w)
+{
+    int c, is_turned = 0;
+    for (c = 0; c < 2 && row->direction_states[c] >= 0; ++c)
+        is_turned = is_turned || row->direction[c] != w[row->direction_states[c]];
+    return is_turned || row->mode != w[row->mode_state];
+}
+
+/* Resolve impacts and select all modes at w, after an event or a jump of inputs. Changes of mode
+ * are attributed to the last event. */
+int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired)
+{
+    cotree_row *row;
+    int c, status, has_changed = 0, has_switched = 0;
+    if (e->n_rows == 0) return 0;
+    cotree_copy(e->run->n_full, e->jumps.before, e->saved_before);
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        for (c = 0; c < 2 && row->direction_states[c] >= 0; ++c)
+            row->direction[c] = w[row->direction_states[c]];
+    }
+    e->force_noise = COTREE_F(0.0);
+    status = cotree_resolve_impacts(e, t, w, fired);
+    if (status == 0) status = find_active(e, t, w, fired);
+    if (status == 0) status = cotree_select_modes(e, t, w);
+#if COTREE_HAS_DISCS
+    if (status == 0) status = cotree_end_slips(e, t, w);
+#endif
+    if (status != 0) return status;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        update_zero_levels(e, row, t, fired);
+        has_switched = has_switched || row->mode != w[row->mode_state];
+        has_changed = has_changed || is_changed(row, w);
+    }
+    if (has_switched) e->is_mode_changed = 1;
+    if (has_changed) status = cotree_jumps_set_modes(&e->jumps, e->rows, e->n_rows, t, w);
+    if (e->n_stops > 0 ? fired >= 0 : has_switched)
+        cotree_copy(e->run->n_full, e->saved_before, e->jumps.before);
+    if (status == 0) cotree_record_impacts(e, t, fired);
+    return status == 0 ? 0 : cotree_fail(e, e->rows->event, t, COTREE_EVENTS_FAILED);
+}
+
+/* Return whether an event belongs to a friction row that was active in the last selection. */
+int cotree_was_selected(const cotree_events *e, int i)
+{
+    const cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        if (row->type != COTREE_ROW_FRICTION) continue;
+        if (i == row->event || i == row->limits[0] || i == row->limits[1]) return row->is_active;
+    }
+    return 0;
+}
+
+/* Set the signs of the event functions of friction and loads, and of gaps that are closed but free
+ * to open. */
+void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
+{
+    const cotree_row *row;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        const int gap = cotree_closed_gap(row), grip = row->engaged;
+        if (row->type == COTREE_ROW_STOP) {
+            /* The gap may be negative within the tolerance of closed gaps. */
+            if (row->side != COTREE_F(0.0) &&
+                (e->stays_at_zero[gap] ||
+                 (w[row->mode_state] == COTREE_F(0.0) && !e->is_stepped_over[gap])))
+                e->side[gap] = COTREE_F(1.0);
+            continue;
+        }
+        if (e->stays_at_zero[row->event]) e->side[row->event] = COTREE_F(1.0);
+        if (row->limits[0] >= 0 && e->stays_at_zero[row->limits[0]])
+            e->side[row->limits[0]] = COTREE_F(1.0);
+        if (row->limits[1] >= 0 && e->stays_at_zero[row->limits[1]])
+            e->side[row->limits[1]] = COTREE_F(1.0);
+        if (grip >= 0 && e->side[grip] == COTREE_F(0.0)) e->side[grip] = -COTREE_F(1.0);
+    }
+}
+#endif
