@@ -562,8 +562,8 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
                 return
             # Imported here, because every run lints, but without forming equations.
             from cotree.formulation.early import check_numbers, within_range
+            from cotree.hybrid.jumps import lower_discontinuities
             from cotree.pipeline import formulate
-            from cotree.scene.jumps import lower_discontinuities
 
             with within_range(scene):
                 acting = lower_discontinuities(scene, has_sensitivities=False)

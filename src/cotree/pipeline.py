@@ -20,6 +20,7 @@ from cotree.codegen.context import model_context
 from cotree.components import Kind
 from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers, within_range
+from cotree.hybrid.jumps import jump_values, lower_discontinuities
 from cotree.program.lower import lower
 from cotree.program.passes import PassReport, run_passes
 from cotree.program.surfaces import freeze_branches
@@ -34,7 +35,6 @@ from cotree.scene.graphs import (
     linear_graphs,
     separate_trees,
 )
-from cotree.scene.jumps import jump_values, lower_discontinuities
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:

@@ -50,7 +50,7 @@ def changed_folders(variant: str) -> list[str]:
         return sorted(
             {path.parent.relative_to(RUNTIME).as_posix() for path in RUNTIME.rglob("*.c")}
         )
-    return ["events", "job", "run"] if variant == "single" else ["sundials"]
+    return ["hybrid", "job", "run"] if variant == "single" else ["sundials"]
 
 
 def runtime_sources(folder: str) -> list[Path]:

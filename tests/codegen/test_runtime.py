@@ -154,8 +154,7 @@ def test_each_source_compiles_by_itself(path, definitions, tmp_path):
 
 
 #: Folders of what a project may have, each with the features that none of its files is without.
-_PARTS = {"run": (), "job": (), "start": (), "stiff": ("IMPLICIT",), "jumps": ("EVENTS",)}
-_PARTS["events"] = ("EVENTS",)
+_PARTS = {"run": (), "job": (), "start": (), "stiff": ("IMPLICIT",), "hybrid": ("EVENTS",)}
 
 
 @pytest.mark.compiler

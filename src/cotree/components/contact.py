@@ -1,6 +1,6 @@
 """Rigid stops, and rigid or compliant contact of bodies.
 
-The mode of an edge (:mod:`cotree.scene.unilateral`) is 0 while it is open, 1 and -1 while it is
+The mode of an edge (:mod:`cotree.hybrid.unilateral`) is 0 while it is open, 1 and -1 while it is
 closed at its upper or its lower limit. The first node carries a plane or a sphere, the second the
 body that touches it. Each point that may touch, such as a corner of a box, has a port for its gap
 and ports for the directions of slip. The port of the gap is a rigid stop with the lower limit zero.

@@ -1,6 +1,6 @@
 """Dry friction with sticking and sliding: in linear guides, clutches and gears.
 
-The mode of an edge (:mod:`cotree.scene.unilateral`) is 0 while the edge sticks, 1 or -1 while it
+The mode of an edge (:mod:`cotree.hybrid.unilateral`) is 0 while the edge sticks, 1 or -1 while it
 slides forwards or backwards, and 2 while it is disengaged.
 """
 

@@ -156,9 +156,9 @@ class Terminal:
     integral: Integral | None = None
     #: Whether the tail must be the ground, which is the reference of motion and concentrations.
     is_absolute: bool = False
-    #: Laws of dry friction; the field ``mode`` of :mod:`cotree.scene.unilateral` selects one.
+    #: Laws of dry friction; the field ``mode`` of :mod:`cotree.hybrid.unilateral` selects one.
     friction: Friction | None = None
-    #: Laws of a rigid stop; the field ``mode`` of :mod:`cotree.scene.unilateral` is 0 if open.
+    #: Laws of a rigid stop; the field ``mode`` of :mod:`cotree.hybrid.unilateral` is 0 if open.
     stop: Stop | None = None
     touch: Touch | None = None  # for a contact of two bodies: the direction in which the port acts
 

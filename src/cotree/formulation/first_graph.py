@@ -41,13 +41,13 @@ from cotree.formulation.outputs import Observer, Outputs, form_outputs, observe_
 from cotree.formulation.start import Condition, body_starts, start_conditions
 from cotree.formulation.system import System, bind
 from cotree.formulation.through import Balance, Loads, balance, loads_of, mass_matrix
+from cotree.hybrid.unilateral import with_friction, with_stops
 from cotree.linear.tree import TreeLink
 from cotree.naming import split_name
 from cotree.scene.ball_joints import with_ball_joints
 from cotree.scene.events import Event, ModePart
 from cotree.scene.expressions import entries
 from cotree.scene.graphs import Trees, motion_spaces
-from cotree.scene.unilateral import with_friction, with_stops
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence

@@ -6,7 +6,7 @@ step of any accuracy, such as the sine of a large angle. For each of these, the 
 ``event_ranges`` computes the ranges of its value and of its rate from the ranges of quantities.
 Quantities are its largest linear parts, and values whose ranges cannot be computed. The engine
 divides a step until the range of each value, or of its rate, excludes zero
-(``templates/runtime/events/cotree_scan.c``).
+(``templates/runtime/hybrid/cotree_scan.c``).
 
 The impulse L of an impact acts along D, the derivatives of the expression's rate with respect to
 the speeds, and constraints transmit it without work: ``[M, -G^T; -G, 0] [a; *] = [D; 0]``

@@ -4,7 +4,7 @@ A flow with the law ``sign(v)*sqrt(abs(v))`` comes to rest in a finite time, but
 derivative at rest. Within a band of half-width b around zero, the root r(z) is replaced by
 ``r(b)*(z/b)**3``, whose slope is zero at rest. If the law drives the state to zero from both sides,
 the solutions with both laws remain within the band and differ by at most b. The engine sets b to
-the tolerance of z while z is near zero (``templates/runtime/events/cotree_branches.c``); otherwise
+the tolerance of z while z is near zero (``templates/runtime/hybrid/cotree_branches.c``); otherwise
 b is zero or negative, and the root is exact.
 """
 

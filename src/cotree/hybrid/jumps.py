@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.dag.nodes import Dag
 from cotree.dag.switching_times import is_cut
-from cotree.scene.branches import (
+from cotree.hybrid.branches import (
     boundary_of,
     check_contents,
     check_located,

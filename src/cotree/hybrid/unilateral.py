@@ -4,7 +4,7 @@ The mode ``EDGE.mode`` of dry friction selects one of its laws. Its events are z
 rate, limits of the friction force, and engagement. The mode of a stop is the limit at which it is
 closed; ``EDGE.impulse`` is the impulse of its last impact. Its events are closing gaps, impacts
 that end in rest, and tensile forces. C code selects the modes of all edges together: see
-``cotree_modes.c`` and ``cotree_impacts.c`` in ``templates/runtime/events``.
+``cotree_modes.c`` and ``cotree_impacts.c`` in ``templates/runtime/hybrid``.
 """
 
 from __future__ import annotations

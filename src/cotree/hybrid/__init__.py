@@ -1,0 +1,1 @@
+"""Modes and events of discontinuous laws, dry friction, rigid stops and contacts."""
