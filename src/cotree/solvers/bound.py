@@ -133,7 +133,7 @@ class BoundModel:
         return z[: self._n], z[self._n :].reshape(len(self._model.sensitivities), self._n).T
 
     def _gradients(self, t: float, z: FloatArray) -> tuple[FloatArray, float]:
-        """Return the constraint gradients, and the least singular value if they are independent."""
+        """Return the constraint gradients, and the limit for singular values that count as zero."""
         starts = self._model.start_in_c
         assert starts is not None  # this method is only called for compiled models
         return starts.gradients(self._at(t), z[: self._n])

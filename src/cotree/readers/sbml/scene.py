@@ -132,7 +132,6 @@ class SceneWriter(Generic[_Scene]):
         self.scene.origin = Origin(self.file, notes, changed)
         return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
 
-
     def _known(self, id: str) -> None:
         after = ", which is not a compartment, species, parameter or reaction"
         check_known([id], self.names, "contains", after, ExpressionError)
@@ -169,7 +168,6 @@ class SceneWriter(Generic[_Scene]):
     ) -> str:
         with explained(formula):
             return reader.read(formula.node, bound).text
-
 
     def _quantity(self, id: str, quantity: Quantity) -> None:
         own = self.names[id]
@@ -258,7 +256,6 @@ class SceneWriter(Generic[_Scene]):
         with located(formula.at):
             self.scene.edge(edge, "molar_flow_source", "ground", own, flow=number_or_text(text))
 
-
     def _bound(self, reaction: Reaction) -> dict[str, Term]:
         """Declare the local parameters of a reaction, and return their terms by identifier."""
         for id, quantity in reaction.local.items():
@@ -313,7 +310,6 @@ class SceneWriter(Generic[_Scene]):
                 flow = f"{self.names[conversion]}*{flow}"
             edge = self.namer.own(f"{reaction}_{own}")
             self.scene.edge(edge, "molar_flow_source", *nodes, flow=flow)
-
 
     def _events(self) -> list[Callable[[], None]]:
         """Declare all events; return checks to be called when all parameters are declared."""
