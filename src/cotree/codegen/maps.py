@@ -255,7 +255,7 @@ class MapContext:
     n_shared: int
     n_sensitive: int
     reads_own: bool
-    places: list[str]  # starts of rows that columns do not share, for each group of eight columns
+    places: list[str]  # start of each row in storage, for each group of eight columns
     n_own: int  # number of rows that columns do not share
     n_results: int
     block: int

@@ -43,7 +43,7 @@ def evaluate(
         elif op == "symbol":
             if node.data[0] != PIECE:
                 raise KeyError(node.data)
-            known[node] = 0.0  # zero: the branch is not frozen
+            known[node] = 0.0  # zero means that the branch is not frozen
         elif op == "result":
             known[node] = known[node.args[0]][node.data]
         elif op in SEVERAL:

@@ -544,7 +544,7 @@ def _reduced_dag(dag: Dag) -> tuple[Any, ...]:
         for node in dag.nodes
     ]
     origins = {node.index: origin for node, origin in dag.origins.items()}
-    # The dictionary of interned nodes has one key per node, in the order of the nodes.
+    # Keys of interned nodes have the order of the nodes, so keys and rows correspond.
     return _dag_of, (rows, list(dag._interned), origins)
 
 

@@ -101,7 +101,7 @@ class System:
     plane: str  # normal of the plane of motion: ``x``, ``y`` or ``z``; empty for spatial motion
     edges: Mapping[str, BoundEdge]  # bound edges by name
     gravity: Vector  # gravitational acceleration in the ground frame, [m/s^2]
-    trees: Trees  # the spanning trees of translation and rotation
+    trees: Trees  # spanning trees of the translation graph and of the rotation graph
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     at_scene: Callable[[Node], float]  # evaluates a node with the scene's parameter values
     input_values: tuple[Node, ...]  # the scene's inputs as functions of time and parameters

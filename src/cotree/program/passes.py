@@ -251,7 +251,7 @@ def _terms(
 
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
-    """Add terms: in each step, the two that are available first."""
+    """Return the sum of the terms: each step adds the two terms that are available first."""
     # Sorted by time, then by position, so that nodes are never compared.
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
     heapify(heap)

@@ -92,7 +92,7 @@ class Turning(Frames):
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
         """Compute a vector from vectors and constant tensors that rotate with a cluster.
 
-        ``form`` receives derivatives relative to the cluster. The rotation of its result is added.
+        ``form`` receives derivatives relative to the cluster. The result is rotated afterwards.
         """
         phi = self.phi[cluster]
         if vector.is_zero(phi):

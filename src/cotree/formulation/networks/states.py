@@ -56,7 +56,7 @@ class Held:
 class _Use(IntEnum):
     """Reasons to choose an edge as a branch of the tree of positions, most important first."""
 
-    BALANCE = 0  # determined by a balance of springs
+    BALANCE = 0  # a balance of springs determines its stretch
     GIVEN = 1  # has an initial value
     LAW = 2  # the terminal equation depends on the variable
     NAMED = 3  # used in a field, an output or an event
@@ -122,7 +122,7 @@ def held_variables(
             found.append(_held(port, "across"))
         elif port.kind is Kind.THROUGH_STORAGE and not is_branch:
             found.append(_held(port, "through"))
-        # A position is a state if it is a branch; an integral of the component always is.
+        # A position is a state if its edge is a branch; an integral of the component always is.
         is_held = port.terminal.integral is not None or (
             port.terminal.domain in positions
             and port.name in positions[port.terminal.domain].branches
