@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cotree.program.program import Program
 
 COMPILERS = ("gcc", "clang")
-LEVELS = ("-O0", "-O1", "-O2", "-O3", "native")
+LEVELS = ("-O0", "-Og", "-O1", "-O2", "-O3", "native")
 
 #: Kernels against their nodes, of the largest result: sines of several angles differ from those of
 #: the C library in the last place, and mass matrices enlarge that some thousand times.

@@ -34,9 +34,9 @@ SCENES = sorted(path.stem for path in (Path(cotree.__file__).parent / "scenes").
 SLOW, ALL, BLOCK = 16, 304, 8
 #: A circuit and tanks: bodies in space take longer, of which the two arms are taken.
 QUICK = (2, 4)
-#: What a quick run and a slow one compile with: the level that models have by default shares its
-#: passes with these. Of clang's levels each scene takes one, in turn.
-FEW = ("-O1", "-O2", "native")
+#: What a quick run and a slow one compile with, the levels that models have by default first. Of
+#: clang's levels each scene takes one, in turn.
+FEW = ("-O1", "-Og", "-O2", "native")
 
 
 def check(seed: int, folder: Path, *, is_whole: bool) -> bool:
