@@ -212,8 +212,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
 
         with _locating_errors(self):
             costs = count_trees(self)
-            # The report shows the tree that compile() would choose. Without costs, the equations of
-            # the scene cannot be formed, and the trees are chosen without them.
+            # The report shows the tree that compile() would choose. If the equations cannot be
+            # formed, there are no costs, and the trees are chosen without costs.
             if tree is None and costs:
                 tree = list(costs[0].trees.branches)
             return graph_report(*draw_graphs(self, tree), costs, tuple(self.members))

@@ -143,7 +143,7 @@ class ParameterCheck(Reported):
     deviations : tuple of float
         V(h) = max abs(S - FD(h)) over states, outputs and times; nan if a run failed.
     quantities : tuple of str
-        The state or output of that maximum; "" if a run failed.
+        The state or output with this maximum, by step; "" if a run failed.
     closest : str
         The state or output whose smallest deviation is closest to its tolerance.
     deviation, tolerance : float

@@ -198,8 +198,8 @@ def _estimates(
 ) -> Iterator[tuple[int, float]]:
     """Count operations and cycles of the right-hand side for each elimination method.
 
-    One sensitivity is counted and multiplied by their number. Cycles include those of the Jacobian
-    for implicit methods, of which one column is counted.
+    The operations of one sensitivity are multiplied by the number of sensitivities. Cycles include
+    the Jacobian, for implicit methods; its cost is estimated from one column.
     """
     states, n = [state.name for state in ways[0].states], len(sensitivities)
     middle = [names[len(names) // 2] for names in (sensitivities, states) if names][:1]

@@ -147,8 +147,8 @@ class Model(Reported):
         p : array_like, shape (n_parameters,), or mapping of str to float, optional
             Parameters.
         initial : mapping of str to float, optional
-            Initial values of states that replace the scene's; they depend on no parameter. Those of
-            algebraic unknowns are guesses, except for storages by content. If all coordinates or
+            Initial values of states that replace the scene's; they depend on no parameter. Values
+            of algebraic unknowns are guesses, except for storages by content. If all coordinates or
             speeds are given, the scene's values of joints that are not states are ignored.
         u : array_like, shape (n_inputs,), optional
             Inputs at that time, on which algebraic unknowns depend.
@@ -354,9 +354,9 @@ class Model(Reported):
             compiled with these.
         total : bool
             Whether derivatives include the dependence of the initial states on the parameters, for
-            which the model must be compiled with these sensitivities; that of algebraic unknowns
-            and of the scene's inputs is always included. ``model.trim().linearize`` differentiates
-            along equilibria.
+            which the model must be compiled with these sensitivities. The dependence of algebraic
+            unknowns and of the scene's inputs is always included. ``model.trim().linearize``
+            differentiates along equilibria.
 
         Returns
         -------
@@ -604,7 +604,7 @@ class Model(Reported):
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
         # C projects do not search for operating points, so they receive the start.
         start = self.start() if self.kernels.begins_at_rest else None
-        # Forming kernels of the project adds nodes to the program's arena, which threads share.
+        # Hold the lock: forming kernels adds nodes to the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program, self.kernels)
             return write_c_project(
@@ -660,7 +660,7 @@ class Model(Reported):
         d = self._defaults
         rest = self.start() if self.kernels.begins_at_rest else None
         to, extra = target_path(path, "the FMU"), extra_files(self, choice, d.t_end)
-        # Forming further kernels adds nodes to the program's arena, which threads share.
+        # Hold the lock: forming kernels adds nodes to the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program, self.kernels)
             numbers = d.t_end, d.rtol, d.atol

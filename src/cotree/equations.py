@@ -46,7 +46,7 @@ def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
 class Derivative:
     """Derivatives of the equations along one direction.
 
-    Only nonzero ones are stored, by index: they may be few among thousands.
+    Only nonzero derivatives are stored, by index, because most of them may be zero.
     """
 
     name: str  # parameter or state by which the equations are differentiated
@@ -107,7 +107,7 @@ class State:
     unit: str
     symbol: Node  # symbol of the state in the program
     initial: Node  # initial value as a function of parameters
-    is_given: bool = True  # whether the scene prescribes it; if not, constraints may change it
+    is_given: bool = True  # whether the value is prescribed; if not, constraints may change it
     #: Whether an algebraic equation 0 = g determines the state; its initial value is a guess.
     is_algebraic: bool = False
     #: If the state is the content of storages: name of the algebraic unknown computed from it.
@@ -200,7 +200,7 @@ class EventRow:
     # Indices of the states that the event sets: by expressions, then by its impact.
     targets: tuple[int, ...]
     watched: int  # index of the event function in :attr:`Equations.output_values`
-    new_values: range  # their indices in :attr:`Equations.output_values`, one for each target
+    new_values: range  # indices of the new values in :attr:`Equations.output_values`, by target
     #: Index of the coefficient of restitution in the new values; None without an impact.
     restitution: int | None
     results: range  # indices of the event's new values among the new values of all events

@@ -252,7 +252,7 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
             continue  # links of robots may end in free nodes
         is_end = edge.component.role is Role.BODY  # bodies may move freely
         if is_end and edge.initial:
-            continue  # a body may have a given start
+            continue  # the initial values show that the body moves freely
         # Sensing terminals and open ends are usual for a component with several nodes.
         is_open = edge.component.role is Role.NETWORK and len(edge.ports) > 1
         if not close and not is_refused and (is_end or is_open):

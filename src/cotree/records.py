@@ -15,13 +15,13 @@ T = TypeVar("T")
 
 
 def changed(record: T, **values: Any) -> T:
-    """Return a record with some fields replaced; it must have no ``__post_init__``, no caches."""
+    """Return a record with some fields replaced; it must have no ``__post_init__`` or caches."""
     return filled(type(record), vars(record) | values)
 
 
 def filled(kind: type[T], values: Mapping[str, Any]) -> T:
     """Make a record of a frozen dataclass whose ``__dict__`` is ``values`` itself, not a copy."""
     record = object.__new__(kind)
-    # This takes the same time for any number of fields; frozen classes allow no other assignment.
+    # One assignment of all fields is fast. Frozen classes require object.__setattr__.
     object.__setattr__(record, "__dict__", values if type(values) is dict else dict(values))
     return record

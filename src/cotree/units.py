@@ -1,7 +1,7 @@
 """Units: texts such as ``N m s/rad`` or ``mm``, their dimensions, and factors to SI.
 
 Products, quotients and powers of symbols are parsed here; symbols other than SI are looked up in
-pint. Pint only receives names: its parser evaluates arithmetic, so that a text such as
+pint. Only names are passed to pint, because its parser evaluates arithmetic: a text such as
 ``10**10**10`` from a file would never return.
 """
 
@@ -69,8 +69,8 @@ _SPELT = {"^": "**", "·": "*", ".": "*", "×": "*"}
 class Unit:
     """A unit: a value in it times ``factor`` plus ``offset`` is the value in ``si``.
 
-    As fractions, factors convert 35 mm to the same double as 0.035 m. ``dimension`` has the
-    exponents of the base units, and of angle and cycles.
+    Factors are fractions, so that 35 mm is converted to the same double as 0.035 m. ``dimension``
+    has the exponents of the base units, and of angle and cycles.
     """
 
     text: str

@@ -138,7 +138,7 @@ def new_scene(
     if name is None:
         raise typer.BadParameter("name the scene, as in: cotree new arm --like robot")
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
-    # ``cotree new robot`` uses the template with this name.
+    # Without --like, the file name may be that of a template: ``cotree new robot``.
     wanted = like or (path.stem if path.stem in TEMPLATES else "mechanism")
     text = _text(_shipped(wanted))
     check_folder(path)

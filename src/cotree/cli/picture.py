@@ -42,7 +42,7 @@ def draw_run(
 
 
 def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
-    """Save the curves of a run as ``.html`` or ``.gif`` in place of an animation."""
+    """Save the curves of a run as ``.html`` or ``.gif``, for scenes without moving bodies."""
     figure = plot_result(result.smooth(), names or None)
     with atomic_write(path, "the picture") as draft:
         if path.suffix.lower() == ".html":

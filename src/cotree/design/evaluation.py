@@ -114,7 +114,7 @@ class Point(NamedTuple):
 
 
 class Evaluation:
-    """Evaluates the goals of a design; ``over`` has its variables in the order of sensitivities."""
+    """Evaluates the goals of a design; ``over`` names its variables, in order of sensitivities."""
 
     def __init__(
         self,

@@ -302,7 +302,7 @@ class Worker:
             self._grow_records()
 
     def advance(self, interval: float) -> bool:
-        """Run members until Python must act or ``interval`` seconds pass; return if any is left."""
+        """Run members until Python must act or ``interval`` seconds pass; return if any remain."""
         c, members = self._worker, self._members
         members.batch.interval = interval
         result = self._lib.cotree_batch_work(c)

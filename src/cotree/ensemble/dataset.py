@@ -150,7 +150,7 @@ class DatasetSchema:
         counts = [np.bincount(members[mask], minlength=n_members) for mask in own]
         most = max((int(count.max(initial=0)) for count in counts), default=0)
         for name, mask, count in zip(names, own, counts, strict=True):
-            # Events are sorted by member: subtract the index of the member's first event.
+            # Events are sorted by member, so subtracting its first index numbers a member's events.
             starts = np.cumsum(count) - count
             member = members[mask]
             place = np.arange(len(member)) - starts[member]

@@ -175,7 +175,7 @@ class _Share:
 
 
 class ExecutorRun:
-    """A run of all ranges on an executor; a broken process pool is replaced by one of its size."""
+    """A run of all ranges on an executor; a broken process pool is replaced by an equal one."""
 
     def __init__(
         self, executor: Any, plan: Plan, rows: FloatArray, threads: int, stop: threading.Event

@@ -106,7 +106,7 @@ def grid(axes: Mapping[str, Any] | None = None, /, **more: Any) -> Grid:
     Raises
     ------
     ParameterError
-        If an axis is empty, repeats a value, has one that is not finite, or is given twice.
+        If an axis is empty or given twice, or has a value that is repeated or not finite.
 
     Examples
     --------

@@ -190,7 +190,7 @@ def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tu
     is_array = given is not None and not isinstance(given, Mapping)
     values = as_array(given, (len(names),), "the parameters").tolist() if is_array else ()
     shared = dict(zip(names, values, strict=True)) if is_array else dict(given or {})
-    # Gains have no values in the scene. Medians do not depend on the order of members.
+    # The scene has no values of gains: use medians, which do not depend on the order of members.
     taken = {*names, *model.states, *model.inputs}
     gains = {
         name: float(np.median(members.rows[:, j]))

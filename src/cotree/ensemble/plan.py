@@ -68,7 +68,7 @@ class Block:
     messages : list of str
         A sentence for each member that failed, was not run, or was run by another method.
     seconds : ndarray, shape (n_members,)
-        Wall-clock times, [s]; that of a vector is divided among its members.
+        Wall-clock times, [s]; the time of a vector is divided among its members.
     events : ndarray, shape (n_events, 3 + n_sensitivities)
         Index of the member in the block, index of the event in ``model.layout.events``, its time,
         [s], and the sensitivities of the time. Rows are sorted by member, then by time.

@@ -250,7 +250,7 @@ class BlockSizes:
     def size(self, plan: Plan, rows: FloatArray) -> int:
         """Determine the size of stored blocks by trial runs, whose results are discarded."""
         n_workers = 1 if self.executor is None else count_workers(self.executor)
-        # Many workers write files at a high rate, so blocks take longer.
+        # Make blocks longer for many workers, to limit the rate at which files are written.
         piece = PIECE * max(1.0, n_workers / _MOST_QUICK)
         return min(self._most, timed_size(plan, rows, self.threads, piece, self._most))
 

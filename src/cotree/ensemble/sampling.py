@@ -166,8 +166,8 @@ def sample(
         For parameters, and initial values of states: ``("uniform", low, high)``,
         ``("loguniform", low, high)``, ``("triangular", low, mode, high)``,
         ``("normal", mean, deviation)``, ``("truncated", mean, deviation, low, high)``,
-        ``("lognormal", median, factor)`` whose logarithm deviates by that of the factor,
-        ``("relative", share)``, uniform within that share of the model's own value, or any frozen
+        ``("lognormal", median, factor)``, whose logarithm has the deviation log(factor),
+        ``("relative", share)``, uniform within this fraction of the model's value, or any frozen
         distribution, such as ``scipy.stats.weibull_min(2.0)``.
     method : {"sobol", "latin", "halton", "random"}
         Scrambled Sobol or Halton points, a Latin hypercube, or independent points. The first

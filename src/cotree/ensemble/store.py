@@ -62,7 +62,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         "scene": model.layout.name,
         "columns": list(plan.columns),
         **{name: plain(getattr(settings, name)) for name in (*SHARED, "initial")},
-        # Whether another method may replace this one for stiff members.
+        # Whether stiff members may use a method other than the chosen one.
         "method_is_chosen": plan.is_chosen,
         "t_span": plain(settings.t_span),
         "inputs": {name: _short(table) for name, table in tables.items()},
@@ -167,7 +167,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, given in arrays.items():
             values = np.ascontiguousarray(given)
-            if values.dtype.kind == "O":  # object arrays contain texts of any length
+            if values.dtype.kind == "O":  # texts of any length are in object arrays
                 text = json.dumps(values.ravel().tolist())
                 values = np.frombuffer(text.encode(), dtype="S1")
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
@@ -185,7 +185,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 
 def read_array(archive: Any, name: str) -> Any:
     """Return an array of an open archive; texts become an object array."""
-    with parsing:  # of the header
+    with parsing:  # NumPy parses the header of the array
         values = archive[name]
     if values.dtype.kind != "S":
         return values
@@ -352,7 +352,7 @@ class Store:
     def _other_coordinate(
         self, there: Mapping[str, str], digests: Mapping[str, str], here: Mapping[str, Any]
     ) -> str:
-        """Describe where the first differing coordinate differs from that of this call."""
+        """Describe the first difference between stored coordinates and those of this call."""
         name = next(name for name in {**digests, **there} if digests.get(name) != there.get(name))
         archive, wanted = read_whole(self.path / COORDINATES), here.get(name)
         if archive is not None and name in there and wanted is not None:

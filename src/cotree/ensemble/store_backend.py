@@ -74,7 +74,7 @@ def _lazy_dataset(path: Path) -> Any:
 
 
 def _most_occurrences(path: Path, manifest: dict[str, Any]) -> int:
-    """Return how often an event occurs at most in a single member."""
+    """Return the largest number of occurrences of an event in one member."""
     rows = manifest["variables"].items()
     times = next((name for name, (dims, *_) in rows if dims[-1] == OCCURRENCE), None)
     if times is None:

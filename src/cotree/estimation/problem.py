@@ -118,7 +118,7 @@ class SteadyStates:
             earlier = self._first.through(earlier)
         for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
             before = earlier[self._of[i]]
-            # Use the previous rows for values that only the previous run estimates.
+            # Rows of values that only the previous run estimates are rows of its matrix.
             is_initial = np.array([name in model.states for name in model.sensitivities])
             both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
             for m, j in np.argwhere((before != both) & (before != 0)):

@@ -154,7 +154,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
     for geometry in first.motion.geometry:
         branch = geometry.branch
         child, outer = branch.child, bases[branch.parent]
-        # Offsets, forces and torques are in the parent's basis, others in the cluster's.
+        # Offsets, forces and torques are in the parent's basis, other vectors in the cluster's.
         place, own = f"({names[child]})", bases[child]
         turned = first.motion.frames.steps[child]
         if branch.turns:

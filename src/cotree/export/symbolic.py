@@ -350,7 +350,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     names = SymbolTable.of(equations)
     known = names.known(equations)
     matrix = _matrix(equations, known)
-    # Balances determine the rates of coordinates and speeds, which have no own equations.
+    # Balances determine the rates of coordinates and speeds; they have no separate equations.
     n_speeds = len(names.accelerations)
     n = equations.n_coordinates + n_speeds
     initial: dict[Key, Any] = dict(
@@ -440,7 +440,7 @@ def _tidied(entry: Any) -> Any:
 
 @dataclass(frozen=True)
 class SymbolTable:
-    """The SymPy symbols by name, and LaTeX names; ``rates`` are those of network states."""
+    """The SymPy symbols by name, and LaTeX names; ``rates`` are the rates of network states."""
 
     states: tuple[str, ...]
     accelerations: tuple[str, ...]

@@ -74,7 +74,7 @@ class Variable:
             if title not in _OTHERS and row.dtype.kind in "fiu" and row.dims
             if set(row.dims) <= set(self.dims)
         ]
-        # The member number has the lowest priority.
+        # The member number is the default column only if there is no other.
         ordered = sorted(known, key=lambda title: title == "member")
         if name is not None:
             check_known([name], known, "members have no column")

@@ -168,7 +168,7 @@ def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
         ax.plot(*curve.curve(), color=_CURVE, lw=1.6, label="profile")
         is_log, error = curve.scale != "lin", errors[curve.name]
         if math.isfinite(error) and error > 0.0:
-            # The profile of a model that is linear in the scaled parameter.
+            # Draw a parabola, the profile of a model that is linear in the scaled parameter.
             reach = np.linspace(-1.3, 1.3, 101) * math.sqrt(curve.limit)
             x = curve.estimate + reach * error
             if is_log:

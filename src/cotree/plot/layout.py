@@ -26,7 +26,7 @@ _FAN, _CLEARANCE, _MARGIN = 0.36, 0.22, 0.45
 _LETTER, _LABEL_PLACES = 0.068, (0.46, 0.4, 0.52, 0.34, 0.28, 0.58)
 # Number of nodes in a row of a long chain.
 _LINE = 7
-# If all gaps between edges at the reference are smaller, the picture is compressed to a half plane.
+# If no gap between edges at the reference exceeds this, the picture is compressed to a half plane.
 _OPEN = np.radians(150)
 
 

@@ -32,7 +32,7 @@ Name = str | tuple[str, str]
 
 @dataclass(frozen=True)
 class Curves:
-    """The curves to draw."""
+    """Names of the curves to draw."""
 
     values: tuple[str, ...]  # names of states, outputs and inputs
     #: Names of states and outputs, each with the parameter of its sensitivity.

@@ -87,7 +87,7 @@ class Reference:
 
     @property
     def agreement(self) -> float:
-        """Larger one of the differences in states and in sensitivities."""
+        """The larger of the differences in states and in sensitivities."""
         return worse(self.agreement_states, self.agreement_sensitivities)
 
     @property
@@ -275,12 +275,12 @@ class BenchRow:
 
     @property
     def error(self) -> float:
-        """Larger one of the errors of states and sensitivities."""
+        """The larger of the errors of states and of sensitivities."""
         return worse(self.error_states, self.error_sensitivities)
 
     @property
     def own_error(self) -> float:
-        """Larger one of both errors relative to the magnitude of each quantity."""
+        """The larger of both errors relative to the magnitude of each quantity."""
         return worse(self.own_error_states, self.own_error_sensitivities)
 
     @property

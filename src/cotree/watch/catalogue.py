@@ -185,7 +185,7 @@ def spring(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Draw a spring as a coil."""
     length = draft.length(edge.first, edge.second)
     if length > 0.0:
-        # The length and the width of bars limit the radius.
+        # The length of the spring and the width of bars limit the radius of the coil.
         radius = min(1.5 * draft.w, 0.15 * length)
         mesh = shapes.coil(radius, min(0.28 * draft.w, 0.2 * radius), length)
         draft.strut(edge.name, edge.first, edge.second, mesh, SPRING)

@@ -46,7 +46,7 @@ class Solid:
     """A shape that moves with a track, the motion of one cluster."""
 
     name: str  # name of the edge or node
-    track: int  # index of the cluster with which it moves
+    track: int  # index of the cluster with which the shape moves
     mesh: Mesh  # shape, in the track's axes
     color: Color  # colour of the shape
 
@@ -56,7 +56,7 @@ class Strut:
     """A shape between two points; its mesh, from z = 0 to z = 1, is stretched to their distance."""
 
     name: str
-    tracks: tuple[int, int]  # indices of the clusters with which its ends move
+    tracks: tuple[int, int]  # indices of the clusters with which the strut's ends move
     ends: tuple[Array, Array]  # end points, in the axes of these clusters
     side: Array  # direction in the first track's axes, close to the mesh's y direction
     mesh: Mesh
@@ -292,7 +292,7 @@ class DrawingBuilder:
     def ground_symbol(self, name: str, place: Place) -> None:
         """Draw a ground symbol at a point, unless it already has one."""
         if not self.stage.is_flat and np.linalg.norm(place.local) > self.w:
-            place = self.places["ground"]  # bars connect the ground to the point
+            place = self.places["ground"]  # at the ground node, which bars connect to the point
         if (at := tuple(place.local)) in self._grounded:
             return
         self._grounded.add(at)
@@ -332,7 +332,7 @@ class DrawingBuilder:
         towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
         along = shapes.axes_along(gap, towards)
         apart, behind = 2.9 * self.w * along[:, 0], np.zeros(3)
-        if stage.is_flat:  # drawn behind the bars
+        if stage.is_flat:  # struts are drawn behind the bars
             behind = 1.6 * self.pitch * stage.towards
         for i, (name, mesh, color) in enumerate(own):
             shift = (i - 0.5 * (len(own) - 1)) * apart - behind

@@ -216,7 +216,7 @@ def _visible(
     span = np.repeat(np.arange(len(face)), n)
     column = np.arange(len(span)) - np.repeat(np.cumsum(n) - n, n) + first[span]
     face, row = face[span], row[span]
-    # Nearness is linear over the picture: value and slopes from the corners.
+    # Nearness is linear over the picture: compute its value and slopes from the corners.
     z = nearness[faces]
     safe = np.where(is_seen, area, 1.0)
     along = (z[:, 1] - z[:, 0]) * (y[:, 2] - y[:, 0]) - (z[:, 2] - z[:, 0]) * (y[:, 1] - y[:, 0])

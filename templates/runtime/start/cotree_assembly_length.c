@@ -133,7 +133,7 @@ int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree
     if (a->tables->n_rows == 0) return 0;
     status = cotree_assembly_measure(a, t, x);
     if (status == 0) status = find_smallest(a, t, x, &here);
-    if (here > NEARLY) return 0; /* `weakest` is at most NEARLY */
+    if (here > NEARLY) return 0; /* independent: `weakest` is at most NEARLY */
     if (status == 0) status = find_weakest(a, t, x, &weakest);
     return status != 0 || here <= weakest;
 }

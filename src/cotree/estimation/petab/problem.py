@@ -371,8 +371,8 @@ class PetabProblem(Problem):
         import pandas
 
         values = self._found(parameters, slopes=False).values
-        # Other PEtab tools also read tables with pandas, so cells become equal values. Its Python
-        # engine keeps all digits of numbers in every version.
+        # Other PEtab tools also read tables with pandas, so cells become equal values. The Python
+        # engine of pandas keeps all digits of numbers in every version.
         files = self._tables.measurement_files
         tables = [pandas.read_csv(file, sep="\t", engine="python") for file in files]
         # Rows that contain only separators are skipped.

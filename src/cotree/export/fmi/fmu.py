@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Platform:
-    """A platform."""
+    """A platform for which an FMU may contain a library."""
 
     name: str  # name of the folder in FMI 3
     old_name: str  # name in FMI 2; empty if the platform does not exist there
@@ -53,7 +53,7 @@ class Platform:
     suffix: str  # suffix of libraries
 
     def folder(self, version: int) -> str:
-        """Return the folder of its library."""
+        """Return the folder of the platform's library in an FMU."""
         return self.name if version == 3 else self.old_name
 
 
@@ -105,8 +105,8 @@ def build_libraries(
 ) -> dict[str, bytes]:
     """Compile the sources; return the libraries by the names of their platforms.
 
-    ``n_operations`` is that of the longest function, ``n_all`` that of all, for the compiler's
-    level.
+    The operations of the longest function, ``n_operations``, and of all functions, ``n_all``,
+    determine the compiler's level.
     """
     own, libraries = this_platform(), {}
     for row in platforms:

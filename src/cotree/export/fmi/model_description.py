@@ -1,6 +1,6 @@
 """The model description and the build description of an FMU, as XML of FMI 2 or 3.
 
-A value reference is a place in consecutive blocks, in the order of ``enum fmu_block`` of
+Value references number the variables of consecutive blocks, in the order of ``enum fmu_block`` of
 ``cotree_fmu.h``.
 """
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cotree.program.layout import Layout
 
 
-#: Exponents of units of the standard, in the order of cotree's dimensions; cycles are numbers.
+#: Exponents of base units in FMI, in the order of cotree's dimensions; FMI has no cycles.
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
 
 _TYPE = {2: "Real", 3: "Float64"}
@@ -224,7 +224,7 @@ def xml_text(root: ElementTree.Element) -> str:
 
 @dataclass(frozen=True)
 class FmuVariable:
-    """A variable."""
+    """A variable of an FMU, as the model description lists it."""
 
     reference: int  # value reference of the variable
     #: Name of the variable, unit in the spelling of cotree, and meaning.
@@ -275,10 +275,10 @@ _PARTS = re.compile(r"((?:[A-Za-z_][A-Za-z0-9_]*\.)*)(.*)", re.DOTALL)
 
 
 class Listing:
-    """Builds the blocks; the first reference of each follows from those before it.
+    """Builds the blocks of variables, with consecutive value references.
 
-    ``outside`` are the places of the inputs that are set from outside. Raises CodegenError if the
-    scene is too large for value references.
+    ``outside`` contains the indices of the inputs that the importer sets. Raises CodegenError if
+    the scene is too large for value references.
     """
 
     def __init__(
@@ -350,7 +350,7 @@ class Listing:
     ) -> FmuVariables:
         """List the variables; ``input_values`` and ``start`` are start values.
 
-        ``is_found``: the start follows from conditions.
+        ``is_found``: conditions determine the start.
         """
         layout, firsts = self.layout, self.firsts
         self._find_start(is_found)
@@ -451,7 +451,7 @@ class Listing:
         rows: Sequence[Quantity],
         causality: str = "local",
     ) -> tuple[FmuVariable, ...]:
-        """Return a block of calculated variables, whose derivatives begin at a row."""
+        """Return a block of calculated variables; ``first`` is the row of the first variable."""
         needs = [self._needs(first + i) for i in range(len(rows))]
         return tuple(
             FmuVariable(

@@ -64,7 +64,7 @@ class Partials:
 
 @dataclass(frozen=True)
 class FmuKernels:
-    """All further kernels."""
+    """The kernels of an FMU in addition to those of the program."""
 
     #: Derivatives of rates and residuals, outputs, event indicators and signals with respect to
     #: states, importer inputs, parameters and time.
