@@ -12,9 +12,8 @@ from cotree.errors import FormulationError, ModelError
 from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.formulation.mass_matrix import is_deep
 from cotree.graph import tree_walk
-from cotree.linear.tree import factorise_bordered
 from cotree.program.counts import OperationCount, count_operations, cycles
-from cotree.program.solved import SolvedSystem
+from cotree.program.solved import SolvedSystem, factorise_bordered
 from cotree.report import Report, Reported, Table
 from cotree.scene.graphs import Trees, motion_spaces
 from cotree.sensitivity.graphs import form_derivatives, unknown_tangents

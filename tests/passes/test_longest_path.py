@@ -11,12 +11,12 @@ import pytest
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag, symbols_in
 from cotree.formulation.first_graph import form_first_graph, tree_links
-from cotree.linear.tree import factorise_bordered
 from cotree.pipeline import formulate, trees_to_try
 from cotree.program import passes as order
 from cotree.program.counts import bounds, by_need
 from cotree.program.lower import lower
 from cotree.program.passes import RECIPE, balance_sums, run_passes
+from cotree.program.solved import factorise_bordered
 
 from rod_chain import rod_chain  # isort: skip
 

@@ -6,8 +6,8 @@ import sys
 
 import cotree
 from cotree.formulation.first_graph import form_first_graph, tree_links
-from cotree.linear.tree import factorise_bordered
 from cotree.pipeline import trees_to_try
+from cotree.program.solved import factorise_bordered
 from cotree.sensitivity.graphs import form_equations
 
 

@@ -14,11 +14,11 @@ reciprocal, a product and a difference.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 from cotree.dag.multi_output import RANK_TOLERANCE
-from cotree.linear.factors import Core, RankedSolver, factorise, hold, kept_size
+from cotree.linear.factors import Core, kept_size
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -208,18 +208,6 @@ def _minus(a: Matrix, b: Matrix) -> Matrix:
     return (vector.sub(a[0], b[0]), vector.sub(a[1], b[1]), vector.sub(a[2], b[2]))
 
 
-class HeldColumn(Protocol):
-    """The column of a multiplier of friction or of a mechanical stop."""
-
-    @property
-    def column(self) -> Sequence[Node]:
-        """Generalised forces per unit of the multiplier."""
-
-    @property
-    def sizes(self) -> Sequence[Node]:
-        """Sum of the squared terms of each entry in the multiplier's row, without cancellation."""
-
-
 @dataclass(frozen=True)
 class TreeLink:
     """A moving branch of a tree; vectors are in the parent's basis."""
@@ -321,43 +309,6 @@ class TreeFactors:
                     angular = vector.add(angular, vector.scale(found[at], link.turning[speed]))
                 moved.append((_down(link, linear), _down(link, angular)))
         return found
-
-
-def factorise_bordered(
-    dag: Dag,
-    matrix: Sequence[Sequence[Node]],
-    is_safe: Sequence[bool],
-    sizes: Sequence[Sequence[Node]],
-    links: Sequence[TreeLink],
-    holding: Sequence[HeldColumn] = (),
-) -> RankedSolver:
-    """Factorise a bordered mass matrix [M, -G^T; -G, 0]; with ``links``, along its tree.
-
-    With ``links``, M itself is not used. ``sizes`` contains the squared terms of each
-    multiplier's row. The last unknowns, ``holding``, are multipliers of friction and stops.
-    """
-    n = len(matrix) - len(sizes) - len(holding)
-    n_inner = n + len(sizes)
-    border = [row[:n] for row in matrix[n:n_inner]]
-    if links:
-        inner: RankedSolver = factorise_tree(dag, links, border, sizes, n)
-    elif holding:
-        inner = factorise(
-            dag, [row[:n_inner] for row in matrix[:n_inner]], is_safe[:n_inner], sizes
-        )
-    else:
-        inner = factorise(dag, matrix, is_safe, sizes)
-    if not holding:
-        return inner
-    if isinstance(inner, TreeFactors):
-        inverses = inner.inverses()
-    else:
-        inverses = {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
-    held = [
-        sum((size * inverses[k] for k, size in _entries(own.sizes) if k in inverses), dag.zero)
-        for own in holding
-    ]
-    return hold(dag, inner, matrix[n_inner:], [own.column for own in holding], n_inner, held)
 
 
 def factorise_tree(

@@ -7,12 +7,11 @@ graphs provide b' = db - dA w.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import substitute
-from cotree.linear.factors import HeldFactors
-from cotree.linear.tree import factorise_bordered
+from cotree.linear.factors import HeldFactors, factorise, hold
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,6 +19,56 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Derivative, Equations
     from cotree.linear.factors import RankedSolver
+    from cotree.linear.tree import TreeLink
+
+
+class HeldColumn(Protocol):
+    """The column of a multiplier of friction or of a mechanical stop."""
+
+    @property
+    def column(self) -> Sequence[Node]:
+        """Generalised forces per unit of the multiplier."""
+
+    @property
+    def sizes(self) -> Sequence[Node]:
+        """Sum of the squared terms of each entry in the multiplier's row, without cancellation."""
+
+
+def factorise_bordered(
+    dag: Dag,
+    matrix: Sequence[Sequence[Node]],
+    is_safe: Sequence[bool],
+    sizes: Sequence[Sequence[Node]],
+    links: Sequence[TreeLink],
+    holding: Sequence[HeldColumn] = (),
+) -> RankedSolver:
+    """Factorise a bordered mass matrix [M, -G^T; -G, 0]; with ``links``, along its tree.
+
+    With ``links``, M itself is not used. ``sizes`` contains the squared terms of each
+    multiplier's row. The last unknowns, ``holding``, are multipliers of friction and stops.
+    """
+    n = len(matrix) - len(sizes) - len(holding)
+    n_inner = n + len(sizes)
+    if links:
+        from cotree.linear.tree import factorise_tree
+
+        border = [row[:n] for row in matrix[n:n_inner]]
+        along = factorise_tree(dag, links, border, sizes, n)
+        if not holding:
+            return along
+        inner: RankedSolver = along
+        inverses = along.inverses()
+    elif holding:
+        rows = [row[:n_inner] for row in matrix[:n_inner]]
+        inner = factorise(dag, rows, is_safe[:n_inner], sizes)
+        inverses = {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
+    else:
+        return factorise(dag, matrix, is_safe, sizes)
+    held = [
+        sum((size * inverses[k] for k, size in enumerate(own.sizes) if k in inverses), dag.zero)
+        for own in holding
+    ]
+    return hold(dag, inner, matrix[n_inner:], [own.column for own in holding], n_inner, held)
 
 
 @dataclass(frozen=True)
