@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.nodes import PARAMETER, Dag, Node, substitute, symbols_in
+from cotree.dag.nodes import PARAMETER, Dag, Node, reachable, substitute, symbols_in
 from cotree.errors import ParameterError, listed
 from cotree.quantities import PositionRow as PositionRow  # noqa: TC001
 from cotree.quantities import Quantity as Quantity  # noqa: TC001
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.linear.tree import TreeLink
+
+#: Operations with branches.
+_PIECEWISE = frozenset({"select", "abs", "sign", "table", "lookup"})
 
 
 @dataclass(frozen=True)
@@ -295,6 +298,12 @@ class Equations:
     #: Names of coordinates and rates whose initial values the scene prescribes, in its order.
     given: tuple[str, ...] = ()
     derived: tuple[DerivedParameter, ...] = ()  # parameters derived from p
+
+    @property
+    def is_piecewise(self) -> bool:
+        """Whether the rates have branches: selections, absolute values, signs or tables."""
+        order = reachable([*self.forcing, *self.rates])
+        return any(node.op in _PIECEWISE for node in order)
 
     @property
     def n_algebraic(self) -> int:

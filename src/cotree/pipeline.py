@@ -23,7 +23,6 @@ from cotree.formulation.early import check_numbers, within_range
 from cotree.hybrid.jumps import jump_values, lower_discontinuities
 from cotree.program.lower import lower
 from cotree.program.passes import PassReport, run_passes
-from cotree.program.surfaces import freeze_branches
 from cotree.program.text import ModelText
 from cotree.quiet import without_collection
 from cotree.scene.checks import check_scene_units, impossible_inertias, tiny_masses
@@ -240,7 +239,11 @@ def form_text(
         )
         marks.append(time.perf_counter())
         # Branches of piecewise expressions are frozen during steps, unless only for display.
-        program, reports = generate(freeze_branches(equations) if locates_kinks else equations)
+        if locates_kinks and equations.is_piecewise:
+            from cotree.program.surfaces import freeze_branches
+
+            equations = freeze_branches(equations)
+        program, reports = generate(equations)
         context = model_context(program)
         causes = [sentence for _, sentence in tiny_masses(scene)][:2]
         slow = " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in causes)

@@ -8,7 +8,7 @@ import random
 import pytest
 
 from cotree.errors import TopologyError
-from cotree.graph import Contracted, common_forest
+from cotree.graph.common_forest import Contracted, common_forest
 
 
 def _ends(rng, n_nodes, names):

@@ -14,7 +14,7 @@ from cotree import Scene
 from cotree.components import Kind
 from cotree.errors import FormulationError, TopologyError
 from cotree.formulation.networks.network import draw_networks
-from cotree.graph import Contracted
+from cotree.graph.common_forest import Contracted
 
 # Solutions with ten digits of sixteen are compared.
 WELL_CONDITIONED = 1e5

@@ -21,7 +21,6 @@ from cotree.codegen.ir import (
     whole,
 )
 from cotree.codegen.loops import roll
-from cotree.codegen.maps import MapContext, constant_columns, map_context
 from cotree.codegen.node_statements import (
     SINES,
     Printed,
@@ -45,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from cotree.codegen.ir import CExpression, Statement
+    from cotree.codegen.maps import MapContext
     from cotree.codegen.targets import Target
     from cotree.dag.lookup import LookupData, Table
     from cotree.dag.nodes import Node
@@ -294,12 +294,18 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     # Applications of the same map share a function if their inputs are stored equally.
     applied = {own_rows(node): node for node in maps}
     functions_of = {rows: f"cotree_map{i}" for i, rows in enumerate(applied)}
-    # Columns that are constant are stored in a table at file scope.
-    columns = {
-        node: table
-        for i, node in enumerate(maps)
-        if (table := constant_columns(node, f"cotree_columns{i}", target))
-    }
+    columns: dict[Node, Constants] = {}
+    contexts: list[MapContext] = []
+    if maps:
+        from cotree.codegen.maps import constant_columns, map_context
+
+        # Columns that are constant are stored in a table at file scope.
+        columns = {
+            node: table
+            for i, node in enumerate(maps)
+            if (table := constant_columns(node, f"cotree_columns{i}", target))
+        }
+        contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
     present = [k for k in program.kernels.values() if k.is_present]
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
@@ -309,7 +315,6 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     names |= {places: table.name for places, table in starts.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
-    contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
     # In registry order, callees precede their callers, so their stack sizes are known.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:

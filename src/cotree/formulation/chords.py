@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
 from cotree.errors import ExpressionError, FormulationError, nearest
-from cotree.formulation.contact import Slip, Touching, surface_of
 from cotree.formulation.fields import plane_axes
 from cotree.formulation.measures import (
     Angle,
@@ -323,12 +322,16 @@ def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
 
 
 def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+    from cotree.formulation.contact import Slip
+
     ends = chord_ends(motion, edge)
     across = carried_by(motion, ends, 1, edge.vectors["axis"])
     yield _named(edge, "across", "m/s", Slip(ends, across))
 
 
 def _rolling(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+    from cotree.formulation.contact import Touching, surface_of
+
     ends, normal = chord_ends(motion, edge), edge.vectors["normal"]
     # The height is a holonomic constraint; the two slips constrain only rates.
     up = carried_by(motion, ends, 0, normal)

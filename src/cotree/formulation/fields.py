@@ -11,7 +11,6 @@ from cotree.components import Component, Field, MotionStep, Shape
 from cotree.components.component import Role
 from cotree.components.mechanical import VELOCITY_SOURCES
 from cotree.dag import vector
-from cotree.dag.continuity import have_time_events, margins, may_jump
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import MEASURED, PARAMETER, TIME, Dag, Node, kinds_in, symbols_in
 from cotree.dag.vector import Matrix, Vector, about, quaternion_of_angles, quaternion_of_matrix
@@ -334,6 +333,8 @@ def guards_of(
 
     ``what`` and ``breach`` are the subject and the predicate of the error message.
     """
+    from cotree.dag.continuity import margins, may_jump
+
     if not is_timed(value, time):
         if may_jump(value, moving, time):
             raise FormulationError(f"{what} {breach}")
@@ -348,6 +349,8 @@ def guards_of(
 
 def is_timed(value: Node, time: Node) -> bool:
     """Return whether only parameters and time determine at which points a value jumps."""
+    from cotree.dag.continuity import have_time_events
+
     of_time = kinds_in([value]) <= {PARAMETER, TIME}
     return of_time and have_time_events(time.dag, value, [time])
 

@@ -36,15 +36,11 @@ from cotree.formulation.mass_matrix import (
     safe_pivots,
 )
 from cotree.formulation.networks.attached import Attached, attach_network
-from cotree.formulation.networks.couplings import Coupling, through_name
 from cotree.formulation.outputs import Observer, Outputs, form_outputs, observe_motion
 from cotree.formulation.start import Condition, body_starts, start_conditions
 from cotree.formulation.system import System, bind
 from cotree.formulation.through import Balance, Loads, balance, loads_of, mass_matrix
-from cotree.hybrid.unilateral import with_friction, with_stops
-from cotree.linear.tree import TreeLink
 from cotree.naming import split_name
-from cotree.scene.ball_joints import with_ball_joints
 from cotree.scene.events import Event, ModePart
 from cotree.scene.expressions import entries
 from cotree.scene.graphs import Trees, motion_spaces
@@ -53,7 +49,9 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from cotree.formulation.measures import Measure
+    from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.network import Network
+    from cotree.linear.tree import TreeLink
     from cotree.scene.description import SceneDescription
 
 
@@ -212,8 +210,12 @@ def form_first_graph(
     Raise ModelError for invalid expressions and fields, ParameterError if a constraint that no
     motion can affect is violated, SingularSystemError if a coordinate moves no inertia.
     """
-    dag = Dag()
-    whole = with_stops(with_friction(with_ball_joints(scene)))
+    dag, whole = Dag(), scene
+    if any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
+        from cotree.hybrid.unilateral import with_friction, with_stops
+        from cotree.scene.ball_joints import with_ball_joints
+
+        whole = with_stops(with_friction(with_ball_joints(scene)))
     scene = whole.mechanics
     # The joints determine the initial positions of bodies in the tree, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
@@ -349,6 +351,8 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     is_tree = first.system.trees.is_one and not first.has_far_inertia
     if not (is_tree and all(first.is_safe[:n])):
         return ()
+    from cotree.linear.tree import TreeLink
+
     links = []
     for geometry in first.motion.geometry:
         branch = geometry.branch
@@ -391,6 +395,8 @@ def form_holdings(motion: Motion, view: View, attached: Attached) -> tuple[Holdi
     """Form the equations of unilateral multipliers; ``view`` has zero accelerations."""
     if not attached.holding:
         return ()
+    from cotree.formulation.networks.couplings import through_name
+
     dag, found = motion.system.dag, []
     gradients = {}
     for name, coupling in attached.couplings.items():

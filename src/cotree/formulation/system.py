@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
 from cotree.dag.evaluate import evaluate
-from cotree.dag.lookup import Table
 from cotree.dag.multi_output import table
 from cotree.dag.nodes import INPUT, PARAMETER, STATE, TIME, UNKNOWN
 from cotree.equations import State
@@ -21,6 +20,7 @@ from cotree.formulation.fields import (
     motion_guards,
     resolver_of,
 )
+from cotree.scene.expressions import Expression
 from cotree.scene.graphs import Trees, motion_spaces
 from cotree.scene.parameters import parameter_nodes, parameter_values
 
@@ -205,9 +205,9 @@ def bind(
         at_scene=at_scene,
         input_values=tuple(
             # An input from a table is piecewise linear in time; all other inputs are expressions.
-            table(dag, row.value, time)[0]
-            if isinstance(row.value, Table)
-            else row.value.lower(dag, of_time)
+            row.value.lower(dag, of_time)
+            if isinstance(row.value, Expression)
+            else table(dag, row.value, time)[0]
             for row in scene.inputs.values()
         ),
         of_parameters=of_parameters,

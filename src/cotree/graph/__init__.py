@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cotree.graph.common_forest import Contracted, common_forest
 from cotree.graph.linear_graph import GraphEdge, LinearGraph, TreeStep
 from cotree.graph.tree import (
     TopologyMatrix,
@@ -16,13 +15,11 @@ from cotree.graph.tree import (
 )
 
 __all__ = [
-    "Contracted",
     "GraphEdge",
     "LinearGraph",
     "TopologyMatrix",
     "Tree",
     "TreeStep",
-    "common_forest",
     "f_circuit",
     "f_cutset",
     "incidence",

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 from cotree.components import OWN, Law, Terminal
 from cotree.components.component import Field
 from cotree.components.terminal import integral_of
-from cotree.dag.continuity import agree_at, may_jump
 from cotree.dag.nodes import PARAMETER, STATE, Dag, Node
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
@@ -66,6 +65,8 @@ def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast
 
 def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
     """Return whether an expression is continuous where the argument of a jump in it is zero."""
+    from cotree.dag.continuity import agree_at
+
     lowered = _lowering(names_in(whole), parameters)
     looked_at, is_larger = boundary_of(part)
     if isinstance(part, ast.Compare):
@@ -103,6 +104,8 @@ def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) ->
 
 def _vanishes_at(boundary: ast.expr, parameters: Container[str], tree: ast.expr) -> bool:
     """Return whether a tree is zero wherever a boundary is zero."""
+    from cotree.dag.continuity import agree_at
+
     lowered = _lowering(names_in(tree) | names_in(boundary), parameters)
     try:
         value = lowered(tree)
@@ -170,6 +173,8 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
     for i, port in enumerate(edge.component.ports):
         if port.content is None:
             continue
+        from cotree.dag.continuity import may_jump
+
         dag, own = Dag(), _names(edge, port, i)
         time, seen = dag.symbol("t", 0), dict[str, Node]()
 

@@ -257,9 +257,6 @@ def _check_positions(equations: Equations, place: int, name: str) -> None:
         )
 
 
-_NAMES = ("events", "jumps", "event_sensitivity", "event_rates", "event_ranges")
-
-
 def event_kernels(
     equations: Equations,
     solved: SolvedSystem,
@@ -268,8 +265,6 @@ def event_kernels(
     motion: Along,
 ) -> tuple[dict[str, list[Node]], EventRanges]:
     """Form the event kernels and their ranges; ``values`` are outputs, then events."""
-    if not (equations.events or equations.kinks):
-        return {name: [] for name in _NAMES}, EventRanges((), (), ())
     dag, rows = equations.dag, equations.events
     # Events without restitution only set states.
     impacts = [

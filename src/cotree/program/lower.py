@@ -40,13 +40,11 @@ from cotree.dag.nodes import (
     symbols_in,
 )
 from cotree.dag.switching_times import acts_in_part, find_longest_steps, find_time_events
-from cotree.dag.time_events import time_events_along
 from cotree.equations import Equations, Quantity, spread
 from cotree.errors import ParameterError
 from cotree.linear.factors import SparseFactors, factorise_unsymmetric
 from cotree.program.columns import map_rates
 from cotree.program.counts import count_operations
-from cotree.program.events import event_kernels
 from cotree.program.kernels import KERNELS
 from cotree.program.layout import Layout
 from cotree.program.program import Kernel, Program
@@ -400,7 +398,12 @@ def lower(equations: Equations) -> Program:
     output_tangents = [node for row in along for node in spread(row.outputs, m, zero)]
     starts, rows, values = _compress(columns)
     packed = pack_rates(equations.dag, reached, n, sensitivity_rates)
-    of_events, ranges = event_kernels(equations, solved, outputs, along, motion)
+    layout, of_events = _layout(equations, starts, rows), dict[str, list[Node]]()
+    if equations.events or equations.kinks:
+        from cotree.program.events import event_kernels
+
+        of_events, ranges = event_kernels(equations, solved, outputs, along, motion)
+        layout = replace(layout, ranges=ranges.places, n_quantities=len(ranges.quantities))
     results: dict[str, list[Node]] = {
         "prepare": [],
         "initial": [state.initial for state in equations.states],
@@ -420,23 +423,25 @@ def lower(equations: Equations) -> Program:
         **reduced_kernels(equations, rates, columns, along, motion, reached),
     }
     names = [row.name for row in equations.parameters]
-    watched = results["events"][: len(equations.events)]
+    watched = of_events.get("events", [])[: len(equations.events)]
     stops = _of_time(equations, [*rates, *watched], find_time_events)
-    seeds = [row.seed for row in equations.sensitivities]
+    if stops:
+        from cotree.dag.time_events import time_events_along
+
+        seeds = [row.seed for row in equations.sensitivities]
+        stops = {name: time_events_along(own, seeds) for name, own in stops.items()}
     layout = replace(
-        _layout(equations, starts, rows),
+        layout,
         sensitivity_starts=tuple(accumulate(map(len, reached), initial=0)),
         sensitivity_rows=tuple(chain.from_iterable(reached)),
-        event_inputs=_inputs_in(equations, [*watched, *results["jumps"]]),
-        ranges=ranges.places,
-        n_quantities=len(ranges.quantities),
+        event_inputs=_inputs_in(equations, [*watched, *of_events.get("jumps", [])]),
     )
     return Program(
         equations.dag,
         layout,
-        {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
+        {name: Kernel(spec, tuple(results.get(name, ())), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
-        {name: time_events_along(own, seeds) for name, own in stops.items()},
+        stops,
         # Event functions are included: long steps could miss zeros caused by a sine of time.
         _of_time(equations, [*rates, *watched], find_longest_steps)
         if acts_in_part(rates) or watched

@@ -13,7 +13,6 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, TIME, kinds_in, reachable, symbols_in
 from cotree.dag.restart_times import RestartTimes
 from cotree.dag.switching_times import TimeEvent, longest_step
-from cotree.dag.time_events import find_restart_times
 from cotree.errors import SolveError
 from cotree.linear.elimination import Elimination, plan_elimination
 from cotree.program.counts import OperationCount, by_need, count_operations
@@ -89,6 +88,8 @@ class Program:
         """
         if not self.stops and not others:
             return RestartTimes.none()
+        from cotree.dag.time_events import find_restart_times
+
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
             nodes = [

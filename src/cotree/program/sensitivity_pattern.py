@@ -24,7 +24,6 @@ from cotree.dag.nodes import (
     supports_of,
 )
 from cotree.dag.switching_times import find_time_events, time_events_within
-from cotree.dag.time_events import time_events_along
 from cotree.equations import substituted
 
 if TYPE_CHECKING:
@@ -93,8 +92,11 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
         **time_events_within(dag, roots),
         **{symbol: find_time_events(dag, [value]) for symbol, value in given.items()},
     }
-    order = reachable(roots) if any(looking.values()) else []
-    found = []
+    if not any(looking.values()):
+        return [Timed(set(), False) for _ in rows]
+    from cotree.dag.time_events import time_events_along
+
+    order, found = reachable(roots), []
     for row in rows:
         # A time event depends on the parameter if its first time or period has a derivative.
         moved = [

@@ -36,7 +36,8 @@ from typing import TYPE_CHECKING
 from cotree.components import Kind, content_of
 from cotree.domains import DOMAINS
 from cotree.errors import TopologyError, listed
-from cotree.graph import Contracted, GraphEdge, LinearGraph, Tree, common_forest, select_tree
+from cotree.graph import GraphEdge, LinearGraph, Tree, select_tree
+from cotree.graph.common_forest import Contracted, common_forest
 from cotree.graph.linear_graph import walk_edges
 from cotree.graph.tree import Parts, path_between
 from cotree.scene.networks import GIVES, Port, Swap, swaps_of

@@ -42,7 +42,6 @@ from cotree.formulation.outputs import output_tangents, units_of_expressions
 from cotree.formulation.start import given_names
 from cotree.formulation.through import Balance, Loads, gather_chords, loads_of, project_cutsets
 from cotree.scene.expressions import Expression
-from cotree.sensitivity.networks import coupling_tangents, network_tangents
 from cotree.sensitivity.turning import Seed, Support, derivatives_labelled, view_along
 
 if TYPE_CHECKING:
@@ -242,6 +241,8 @@ def differentiate(
         return [
             _along(first, name, row, support, reach, {}, {}) for name, row in directions.items()
         ]
+    from cotree.sensitivity.networks import coupling_tangents, network_tangents
+
     # Fields of the networks may contain across variables of the multibody system.
     ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]
     # Port measures link the mechanism to the networks; `seeds` link the networks to it.

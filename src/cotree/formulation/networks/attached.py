@@ -11,15 +11,14 @@ from cotree.dag.derivative import tangents
 from cotree.dag.nodes import Node, symbols_in
 from cotree.formulation.constraints import along_speeds
 from cotree.formulation.laws import Applied
-from cotree.formulation.networks.couplings import Coupling, form_couplings, through_name
 from cotree.formulation.outputs import observe_motion
 from cotree.scene.events import event_expressions
-from cotree.scene.networks import scalar_ports
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from cotree.formulation.across import Motion, View
+    from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.network import Network
     from cotree.formulation.networks.unilateral import Holding
     from cotree.formulation.system import System
@@ -74,7 +73,9 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
     # A purely multibody scene has no networks.
     if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
         return Attached(None, {}, {}, {}, {})
+    from cotree.formulation.networks.couplings import form_couplings, through_name
     from cotree.formulation.networks.network import form_network
+    from cotree.scene.networks import scalar_ports
 
     system = view.motion.system
     couplings = form_couplings(scalar_ports(scene), view)
@@ -116,6 +117,8 @@ def _is_linear(
     named: Collection[str],
 ) -> bool:
     """Return whether forces on the mechanism are linear in the multipliers."""
+    from cotree.formulation.networks.couplings import through_name
+
     multipliers = [row.multiplier for row in network.holding]
     one = multipliers[0].dag.one
     forces = [observed[through_name(coupling.port)] for coupling in couplings.values()]
