@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
 import subprocess
 import sys
@@ -57,6 +58,22 @@ def test_a_cold_run_imports_no_sympy(name, tmp_path, monkeypatch):
     assert "sympy" not in modules
     # A mechanism needs no networks.
     assert ("cotree.formulation.networks.network" in modules) == (name != "slider-pendulum")
+
+
+@pytest.mark.compiler
+def test_a_run_imports_few_modules(tmp_path, monkeypatch):
+    """A mechanism needs no contacts, tables, events or maps; a second run forms no nodes."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    code = (
+        "import cotree\n"
+        "model = cotree.load('slider-pendulum').compile(['L', 'k'])\n"
+        "model.simulate((0, 10), rtol=1e-8)"
+    )
+    for most_modules, most_lines in ((135, 34_000), (70, 15_000)):
+        names = [name for name in modules_after(code) if name.split(".")[0] == "cotree"]
+        paths = [Path(importlib.util.find_spec(name).origin) for name in names]
+        assert len(names) <= most_modules
+        assert sum(path.read_text(encoding="utf-8").count("\n") for path in paths) <= most_lines
 
 
 def test_a_command_imports_what_it_needs():

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from cotree.dag.nodes import ARGUMENT, Dag, Node, formed_in, reachable, symbols_in
-from cotree.dag.operations import folded
-
-# Derivatives are imported where they are formed: runs of cached models need none.
+# Nodes are imported where they are formed: runs of cached models need none.
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
+
+    from cotree.dag.nodes import Dag, Node
 
 #: Function that returns the node, or the number, of an argument by its name.
 _Lookup = Callable[[str], Any]
@@ -72,6 +71,7 @@ class Law:
     def of(cls, expression: Any, arguments: tuple[str, ...] | None = None) -> Law:
         """Build a law from a SymPy expression whose symbols are real."""
         from cotree.dag.from_sympy import from_sympy
+        from cotree.dag.nodes import ARGUMENT, Dag
 
         # Symbols are an unordered set; sorting their names makes the C text reproducible.
         names = arguments
@@ -104,6 +104,8 @@ class Law:
     @cached_property
     def _graph(self) -> tuple[Node, dict[str, Node]]:
         """The law in its own graph, and the symbols of its arguments."""
+        from cotree.dag.nodes import ARGUMENT, Dag, Node
+
         dag, symbols = Dag(), dict[str, Node]()
 
         def at(name: str) -> Node:
@@ -125,6 +127,7 @@ class Law:
     def _has_root(self) -> bool:
         """Whether the law has an operation whose derivative is not finite everywhere."""
         from cotree.dag.derivative import SINGULAR
+        from cotree.dag.nodes import reachable
 
         return any(node.op in SINGULAR for node in reachable([self._graph[0]]))
 
@@ -138,10 +141,18 @@ class Law:
         """Whether the law is the constant zero."""
         return self._graph[0].is_zero
 
+    @cached_property
+    def _used(self) -> frozenset[str]:
+        """The arguments on which the law depends after cancellation."""
+        from cotree.dag.nodes import symbols_in
+
+        root, symbols = self._graph
+        found = set(symbols_in([root]))
+        return frozenset(name for name, symbol in symbols.items() if symbol in found)
+
     def uses(self, name: str) -> bool:
         """Return whether the law depends on an argument after cancellation."""
-        root, symbols = self._graph
-        return name in symbols and symbols[name] in reachable([root])
+        return name in self._used
 
     def over(self, name: str) -> Law:
         """Return the law divided by the argument ``name``, if possible without a pole at zero."""
@@ -172,6 +183,8 @@ class Law:
         return varied(value, d)
 
     def _value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
+        from cotree.dag.nodes import formed_in
+
         root, symbols = self._graph
         return formed_in(
             dag, root, {symbols[n]: node for n, node in arguments.items() if n in symbols}
@@ -190,6 +203,7 @@ class Law:
         before differentiation (:mod:`cotree.dag.derivative`).
         """
         from cotree.dag.derivative import tangents
+        from cotree.dag.nodes import formed_in
 
         (root, symbols), rows = self._graph, self._partials
         wanted = [name for name in names or rows if name in rows]
@@ -219,9 +233,7 @@ class _Formed(Law):
 
     @cached_property
     def arguments(self) -> tuple[str, ...]:
-        root, symbols = self._graph
-        found = set(symbols_in([root]))
-        return tuple(sorted(name for name, symbol in symbols.items() if symbol in found))
+        return tuple(sorted(self._used))
 
     def form(self, at: _Lookup) -> Any:
         return self.function(at)
@@ -238,6 +250,8 @@ ZERO = Law(lambda: 0.0)
 
 def _moved(root: Node, known: Mapping[Node, Any]) -> Any:
     """Form a node in the graph of the nodes that replace its symbols."""
+    from cotree.dag.nodes import Dag, Node, formed_in
+
     dag = next((node.dag for node in known.values() if isinstance(node, Node)), None)
     own = Dag() if dag is None else dag
     nodes = {s: v if isinstance(v, Node) else own.constant(v) for s, v in known.items()}
@@ -280,6 +294,9 @@ def _function(name: str) -> Callable[[Any], Any]:
     def apply(x: Any) -> Any:
         if isinstance(x, Law):
             return _Formed(lambda at: apply(x.form(at)))
+        from cotree.dag.nodes import Node
+        from cotree.dag.operations import folded
+
         return x.dag.function(name, x) if isinstance(x, Node) else folded(name, x)
 
     return apply
@@ -295,6 +312,8 @@ def select(condition: Any, accepted: Any, refused: Any) -> Any:
     parts = (condition, accepted, refused)
     if any(isinstance(part, Law) for part in parts):
         return _Formed(lambda at: select(*(_at(part, at) for part in parts)))
+    from cotree.dag.nodes import Node
+
     dag = next((part.dag for part in parts if isinstance(part, Node)), None)
     if dag is None:
         return accepted if condition >= 0 else refused
