@@ -4,7 +4,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-/* Allocate the arrays of the state, in the order in which it is saved. */
+/* Allocate the arrays of the state, in the order in which they are saved. */
 static void lay_out_state(fmu *m, cotree_arena *arena)
 {
     const size_t begin = arena->used;
@@ -344,7 +344,7 @@ int fmu_reset(fmu *m)
 
 typedef struct fmu_state_head {
     unsigned magic, n;
-    unsigned long long checksum; /* of the bytes that follow, set when the state is serialized */
+    unsigned long long checksum; /* of the following bytes, set when serialized */
     char token[64];
 } fmu_state_head;
 

@@ -39,7 +39,7 @@ static int starts_from_table(const fmu *m, int state)
            (tables->is_found && !tables->start_tables->given[state]);
 }
 
-/* Write the prescribed initial values, and guesses for the others. */
+/* Write the prescribed initial values, and guesses for all other states. */
 static int write_initial_values(fmu *m, double *z)
 {
     int i;

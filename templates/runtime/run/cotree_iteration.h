@@ -17,7 +17,7 @@ COTREE_BEGIN_DECLS
 typedef struct cotree_newton_limits {
     int max_steps;
     cotree_real rounding; /* a step shorter than this is the last one */
-    cotree_real small;    /* also the last: below this and above half the previous one */
+    cotree_real small;    /* also the last: a step below this and above half the previous */
     /* stalled: if the iteration cannot progress, steps below this size count as rounding errors.
      * min_share: smallest damping factor. */
     cotree_real stalled, min_share;

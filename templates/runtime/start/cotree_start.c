@@ -55,7 +55,7 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
 
 /* Initial values. */
 
-/* Write the prescribed initial values, and guesses for the others. */
+/* Write the prescribed initial values, and guesses for all other states. */
 static int write_states(const cotree_start *start, cotree_real *z)
 {
     const cotree_run *const run = start->run;

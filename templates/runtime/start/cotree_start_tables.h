@@ -43,7 +43,7 @@ typedef struct cotree_start_tables {
 /* Report on prescribed values that had to change to satisfy the constraints. Entries are for the
  * states, then for the conditions. Arrays must be zero before a start. */
 typedef struct cotree_start_report {
-    const int *ranks; /* for each value: the highest rank changes first; 0 changes last */
+    const int *ranks; /* rank of each value; the highest rank changes first, rank 0 last */
     /* Results. */
     int is_moved;       /* 1: a value changed noticeably, or its change depends on a parameter */
     int level, column;  /* after a failure: 0 coordinates, 1 speeds; index of the sensitivity */

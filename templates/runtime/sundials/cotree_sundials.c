@@ -12,7 +12,7 @@
 /* A rounding error of t is negligible if it is below this fraction of rtol times the step. */
 #define NEGLIGIBLE_ROUNDING 1e-2
 
-/* Write the state of each vector entry, and the start of each block. */
+/* List the state index of each vector entry, and the first entry of each block. */
 static void list_blocks(const cotree_job *job)
 {
     const cotree_model *const model = job->model;

@@ -97,7 +97,7 @@ typedef struct cotree_bdf {
     const cotree_sundials *sundials;
     double *vectors[N_VECTORS];
     double *ordered, *jacobian, *trial, *entries;
-    cotree_lu matrix;   /* uses the memory of entries */
+    cotree_lu matrix;   /* stored in entries */
     int *rows, *firsts; /* state index of each vector entry; first entry of each block */
     void *context;
     void *integrator;

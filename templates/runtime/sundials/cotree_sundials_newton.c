@@ -375,7 +375,7 @@ COTREE_PRIVATE int cotree_bdf_project(cotree_job *job, cotree_run *run, const co
         sum += share * share;
     }
     if (sum <= COTREE_MAX_PROJECTION * COTREE_MAX_PROJECTION * n) return 0;
-    run->correction = known; /* keeps the old value, since the step is rejected */
+    run->correction = known; /* keeps the old value, because the step is rejected */
     return NOT_CONVERGED;
 }
 
