@@ -425,7 +425,7 @@ def _posed(
     at = EvaluationPoint(model, at.t, p, u)
     try:
         y = find_start(at, {}).y.copy()
-    except Error:  # keep the initial values of the scene
+    except Error:  # without a start, keep the scene's initial values
         y = model.initial_values(at.t, at.p, at.u)[0].copy()
     for name in values.keys() & states:
         y[states.index(name)] = values[name]

@@ -134,7 +134,7 @@ class Swap:
 
     @property
     def name(self) -> str:
-        """The name of the swap, which is used like the name of an edge."""
+        """The name of the swap, which identifies it among the edges."""
         return f"{self.source.name}|{self.control.name}"
 
 

@@ -60,7 +60,7 @@ _MOST_TRIED = 20_000
 
 @dataclass(frozen=True)
 class _Couple:
-    """An ideal coupling; an option states for each port and each swap whether it is a branch."""
+    """An ideal coupling. Each of its options states which of its ports and swaps are branches."""
 
     ports: tuple[str, ...]
     options: tuple[tuple[bool, ...], ...]

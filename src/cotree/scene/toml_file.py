@@ -321,7 +321,7 @@ class _Reading:
 
         lines = statement_lines(self.text, section)
         named = _NAMED.findall(str(error))
-        # Parts of an array have the array's name and a number.
+        # Parts of an array are declared under the array's name, without the number.
         named += [(kind, name.rstrip("0123456789_")) for kind, name in named if kind == "part"]
         found = (lines.get(key) for key in named)
         line = next((number for number in found if number), 0)

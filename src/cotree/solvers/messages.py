@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 # Messages by the number of a status.
 _SENTENCES = dict(enumerate(SENTENCES.values()))
 
-# Undefined rates explain short steps if they are within this fraction of the elapsed time ahead. At
-# the start, the limit is the square of this fraction times the span.
+# Undefined rates explain a failure if they occur soon after it: within this fraction of the elapsed
+# time or, at the start, within the square of this fraction of the span.
 _SOON = 1e-3
 
 

@@ -308,7 +308,7 @@ def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[fl
 def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
     """Raise ParameterError if sensitivities depend on an input of the scene that is replaced."""
     for name, value in inputs.items():
-        # If both inputs are constant, their rates are zero, as the sensitivities assume.
+        # Two constant inputs both have zero rates, so the sensitivities remain valid.
         is_alike = isinstance(value, Real) and name in model.traits.constant_inputs
         if model.sensitivities and name in model.layout.event_inputs and not is_alike:
             raise ParameterError(

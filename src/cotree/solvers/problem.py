@@ -85,7 +85,7 @@ class Problem:
     #: Steps of earlier integrations, and time to compute breakpoints, [s]; the limits include them.
     steps_taken: int = 0
     seconds_taken: float = 0.0
-    #: The model if C projects the states onto its constraints.
+    #: The model if C projects the states onto its constraints, else None.
     held: BoundModel | None = None
     constraints: tuple[str, ...] = ()
     #: Edges whose constraints are nearly dependent at (t, z); None if no edge has constraints.

@@ -246,8 +246,8 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
     method = stiff_method(problem)
     growth = rates.growth
-    # If a mode that grows from the tolerance stays below one during the whole span, an implicit
-    # method may damp it.
+    # An implicit method may be used if a mode that grows from the tolerance stays below one during
+    # the whole span.
     smallest = min(problem.settings.rtol, problem.settings.atol)
     if span * growth <= -math.log(max(smallest, float(np.finfo(np.float64).eps))):
         return method, f"{method} was chosen: stiff, {length}{_saving(problem, method)}."

@@ -208,7 +208,7 @@ def _check(content: SbmlContent) -> None:
 
 
 class Rates:
-    """Terms for rates of change; ``declare`` adds an expression and returns its name."""
+    """Terms for rates of change; ``declare`` adds an output or parameter and returns its name."""
 
     def __init__(
         self, content: SbmlContent, roles: Roles, declare: Callable[[str, str], str]
