@@ -171,7 +171,7 @@ def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink,
 
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:
-    """List sets of clusters to resolve in their own axes: all subsets of few, else none and all."""
+    """List sets of clusters to resolve in their own axes: all subsets, or if many, none and all."""
     # Axes can only be chosen if translation and rotation have the same tree.
     if not trees.is_one:
         yield ()

@@ -26,7 +26,7 @@ _SIDES = {"l": ' style="text-align:left"', "r": ' style="text-align:right"'}
 
 @dataclass(frozen=True)
 class Table:
-    """A table: rows under headings, of texts and numbers, which are right-aligned.
+    """A table of texts and numbers under headings; numbers are right-aligned.
 
     ``align`` has for each column ``l`` or ``r``, by default decided by the first row. ``digits``
     are significant digits of numbers. In text, only the first ``in_text`` columns are shown; in

@@ -58,7 +58,7 @@ class Result(RunRecord):
         """Draw curves over time; names are the titles of ``columns()``.
 
         Curves are smooth between the points of the result; see :meth:`smooth`. ``plt.show()`` shows
-        the figure; notebooks, and prompts after an import of pyplot, show it by themselves.
+        the figure; notebooks, and prompts after an import of pyplot, show it at once.
 
         Parameters
         ----------

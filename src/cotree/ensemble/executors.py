@@ -271,7 +271,7 @@ class ExecutorRun:
         return sent
 
     def _answer(self, future: futures.Future[Any], share: _Share) -> tuple[Block, float] | None:
-        """Return the block of a finished range; None if the range is submitted again or omitted."""
+        """Return the block of a finished range; None if the range is run again or left out."""
         error = futures.CancelledError() if future.cancelled() else future.exception()
         again = replace(share, with_plan=True, attempt=share.attempt + 1)
         if error is None:

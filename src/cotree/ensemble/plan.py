@@ -93,7 +93,7 @@ class Block:
         self.status[member], self.messages[member] = status, message
 
     def succeed(self, members: npt.NDArray[np.bool_]) -> None:
-        """Mark members as successful, whose values are already set."""
+        """Mark members whose values are set as successful."""
         self.status[members] = 0
         if members.all():
             self.messages = [""] * len(members)
