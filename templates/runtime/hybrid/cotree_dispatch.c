@@ -256,24 +256,22 @@ static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* Apply the located events, each in the direction of its crossing. */
-static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
+/* Apply the located events, each in the direction of its crossing. n_fired: the number of events
+ * applied; the sides are then those after the last one. */
+static int apply_found(cotree_events *e, cotree_real t, cotree_real *w, int *n_fired)
 {
-    int i, n_fired = 0, status = check_order(e, t, w);
+    int i, status = check_order(e, t, w);
     if (status == 0) status = cotree_compute_values(e, t, w);
     for (i = 0; i < e->n_events; ++i) {
         /* A function that is zero counts as crossed in either direction. */
         if (COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i) &&
             (e->events[i].kind >= COTREE_JUMP || e->crossing_sign[i] != COTREE_F(0.0)))
             e->side[i] = e->crossing_sign[i];
+        e->has_fired[i] = e->is_found[i] && cotree_is_kink(e, i);
     }
     for (i = 0; i < e->n_events && status == 0; ++i) {
-        if (!e->is_found[i]) continue;
-        if (cotree_is_kink(e, i)) {
-            e->has_fired[i] = 1;
-            continue;
-        }
-        if (n_fired > 0) {
+        if (!e->is_found[i] || cotree_is_kink(e, i)) continue;
+        if (*n_fired > 0) {
             status = cotree_compute_rates(e, t, w);
             if (!(e->jumps.rates[i] * e->crossing_sign[i] > COTREE_F(0.0)))
                 continue; /* an earlier event reversed the crossing */
@@ -284,7 +282,7 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
         if (status == 0) status = apply_event(e, i, t, w, 0);
         if (status == 0) status = compute_sides(e, t, w);
         e->side[i] = e->samples[i];
-        ++n_fired;
+        ++*n_fired;
     }
     return status;
 }
@@ -352,14 +350,12 @@ static int has_jumped_to_zero(const cotree_events *e, int i)
 /* Apply triggered events until no event function changes sign. */
 static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int i, round, has_jumps = 0;
+    int i, round, status = 0, has_jumps = 0;
     for (i = 0; i < e->n_events; ++i) has_jumps = has_jumps || e->events[i].kind == COTREE_JUMP;
     for (round = 0; round < COTREE_EVENT_ROUNDS; ++round) {
-        int first = -1, status = compute_sides(e, t, w);
-        if (status == 0 && has_jumps && cotree_jumps_compute_new_values(&e->jumps, t, w) != 0) {
-            status = cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
-        }
-        if (status != 0) return status;
+        int first = -1;
+        if (has_jumps && cotree_jumps_compute_new_values(&e->jumps, t, w) != 0)
+            return cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
         for (i = 0; i < e->n_events && round == COTREE_EVENT_ROUNDS / 2; ++i) e->is_found[i] = 0;
         for (i = 0; i < e->n_events; ++i) {
             const int is_crossed = e->events[i].kind != COTREE_JUMP && !cotree_is_kink(e, i) &&
@@ -402,7 +398,7 @@ static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real 
 int cotree_apply_events(cotree_events *e, cotree_real t, cotree_real *w, int n_found,
                         const cotree_real *slopes)
 {
-    int i, status = cotree_compute_rates(e, t, w);
+    int i, n_fired = 0, status = cotree_compute_rates(e, t, w);
     e->n_fired = e->is_mode_changed = 0;
     /* A jump may move arguments to other branches. */
     cotree_release_branches(e);
@@ -416,7 +412,8 @@ int cotree_apply_events(cotree_events *e, cotree_real t, cotree_real *w, int n_f
 #if COTREE_HAS_MODES
     if (status == 0 && n_found == 0) status = cotree_resolve_modes(e, t, w, -1);
 #endif
-    if (status == 0 && n_found > 0) status = apply_found(e, t, w);
+    if (status == 0 && n_found > 0) status = apply_found(e, t, w, &n_fired);
+    if (status == 0 && n_fired == 0) status = compute_sides(e, t, w);
     if (status == 0) status = process_cascade(e, t, w);
     for (i = 0; i < e->n_events && status == 0; ++i) {
         e->n_fired += e->has_fired[i];
