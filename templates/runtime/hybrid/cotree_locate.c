@@ -394,8 +394,8 @@ int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
             if (cotree_is_kink(e, i)) continue;
             return cotree_fail(e, i, t, COTREE_EVENTS_NOT_FINITE);
         }
-        e->value_scale[i] = COTREE_FMAX(e->value_scale[i], COTREE_FABS(g[i]) + counted);
-        e->recent_scale[i] = COTREE_FMAX(e->recent_scale[i], COTREE_FABS(g[i]));
+        e->value_scale[i] = cotree_larger(e->value_scale[i], COTREE_FABS(g[i]) + counted);
+        e->recent_scale[i] = cotree_larger(e->recent_scale[i], COTREE_FABS(g[i]));
     }
     return 0;
 }

@@ -116,7 +116,16 @@ static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_re
     return status;
 }
 
-/* List the event functions that may be zero within the step, according to their bounds over it.
+/* Return whether an event function is zero over the whole interval of its last range, as the
+ * distance of a sliding friction force from its limit is. */
+static int is_zero_over_range(const cotree_events *e, int i)
+{
+    const cotree_real *const r = e->ranges + N_BOUNDS * e->events[i].range;
+    return r[0] == COTREE_F(0.0) && r[1] == COTREE_F(0.0) && r[2] == COTREE_F(0.0) &&
+           r[3] == COTREE_F(0.0);
+}
+
+/* List the event functions that may cross zero within the step, according to their bounds over it.
  * Return their number. */
 static int list_candidates(cotree_events *e)
 {
@@ -149,9 +158,10 @@ static int list_candidates(cotree_events *e)
         e->is_found[i] = 0;
         e->from_side[i] = side;
         e->bracket_start[i] = e->t_before;
-        if (side != COTREE_F(0.0) &&
-            cotree_classify_range(e, i, side, e->g[i], last[i], e->t_after - e->t_before) ==
-                RANGE_NONZERO) {
+        if (side == COTREE_F(0.0)
+                ? is_zero_over_range(e, i)
+                : cotree_classify_range(e, i, side, e->g[i], last[i], e->t_after - e->t_before) ==
+                      RANGE_NONZERO) {
             e->is_excluded[i] = 1;
         } else {
             ++n_open;
