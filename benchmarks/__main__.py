@@ -1,10 +1,11 @@
-"""All benchmarks, or some, with one command: ``python -m benchmarks [NAME ...] [--all] [--quick]``.
+"""Run benchmarks: ``python -m benchmarks [NAME ...] [--all] [--quick] [--out DIR]``.
 
-Without a name it lists them. ``--quick`` takes small cases of each, some minutes in all; numbers
-that are quoted are taken without. Each script runs in a process of its own, one after the other.
-What it prints is kept as ``DIR/NAME.md``, its tables as ``DIR/NAME.json``, both with machine,
-compiler, flags, versions and time; ``DIR/README.md`` lists them, where DIR is that of ``--out``. A
-script that cannot run, since a peer is not installed, is listed with its reason, others run.
+Without a name, the command lists the benchmarks. ``--quick`` selects small cases, which take some
+minutes in total; published numbers are measured without it. Each script runs in its own process,
+one after another. Its output is written to ``DIR/NAME.md`` and its tables to ``DIR/NAME.json``.
+Both files state the machine, compiler, flags, versions and time. ``DIR/README.md`` lists all files.
+If a script cannot run, for example because another tool is not installed, the list states the
+reason, and the other scripts run.
 """
 
 from __future__ import annotations
@@ -89,17 +90,17 @@ class Outcome:
     Attributes
     ----------
     name : str
-        Of the script.
+        Name of the script.
     command : list of str
-        What was run, from the repository's root.
+        Command, run from the root of the repository.
     seconds : float
-        On the clock.
+        Elapsed time.
     problem : str
-        Why it stopped; empty where it ended.
+        Reason of a failure; empty if the script succeeded.
     text : str
-        What it printed.
+        Printed text.
     tables : list of dict
-        Head and rows of each table in it, as text.
+        Header and rows of each table of the text.
     """
 
     name: str
@@ -111,7 +112,7 @@ class Outcome:
 
 
 def run(name: str, *, is_quick: bool) -> Outcome:
-    """Run a script from the root of the repository, with the library that runs here."""
+    """Run a script from the root of the repository with this installation of cotree."""
     given = QUICK.get(name, []) if is_quick else []
     command = ["python", f"benchmarks/{name}.py", *given]
     # Another folder may be the current one, against which a path of this process was meant.
@@ -134,7 +135,7 @@ def run(name: str, *, is_quick: bool) -> Outcome:
 
 
 def tables_of(text: str) -> list[dict[str, Any]]:
-    """Read the tables of a Markdown text."""
+    """Return the tables of a Markdown text."""
     found: list[dict[str, Any]] = []
     rows: list[list[str]] = []
     for line in [*text.splitlines(), ""]:
@@ -147,12 +148,12 @@ def tables_of(text: str) -> list[dict[str, Any]]:
 
 
 def heading(versions: dict[str, str]) -> str:
-    """Write what numbers were measured with, a line each."""
+    """Return lines with the machine, the versions and the command of a measurement."""
     return "\n".join(f"- {key}: {value}" for key, value in versions.items())
 
 
 def keep(outcome: Outcome, versions: dict[str, str], folder: Path) -> None:
-    """Write what a script gave, with what it was measured with, as Markdown and as JSON."""
+    """Write the output of a script as Markdown and JSON, with machine and versions."""
     said = f"It stopped: {outcome.problem}\n\n" if outcome.problem else ""
     took = f"`{shlex.join(outcome.command)}`, {outcome.seconds:.0f} s"
     text = f"# {outcome.name}\n\n{heading(versions)}\n\n{took}\n\n{said}{outcome.text}"
@@ -163,41 +164,44 @@ def keep(outcome: Outcome, versions: dict[str, str], folder: Path) -> None:
 
 
 def listing() -> str:
-    """List the benchmarks."""
+    """Return the list of benchmarks."""
     return "\n".join(f"  {name}: {what}" for name, what in SCRIPTS.items())
 
 
 def main() -> None:
-    """Run what is named, and list it."""
+    """Run the named benchmarks and write the list of results."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="Run benchmarks; print their tables, and keep them as Markdown and JSON.",
+        description="Run benchmarks, print their tables, and write them as Markdown and JSON.",
         epilog=f"benchmarks:\n{listing()}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", nargs="*", metavar="NAME", help="see below; listed if absent")
-    parser.add_argument("--all", action="store_true", help="run all of them, for an hour or two")
     parser.add_argument(
-        "--quick", action="store_true", help="smallest cases; without a name, of all"
+        "names", nargs="*", metavar="NAME", help="benchmark to run; default: list all"
+    )
+    parser.add_argument("--all", action="store_true", help="run all benchmarks, which takes hours")
+    parser.add_argument(
+        "--quick", action="store_true", help="run small cases; without a name, of all benchmarks"
     )
     parser.add_argument(
         *("--out",),
         type=Path,
         default=Path("out") / "benchmarks",
         metavar="DIR",
-        help="where tables are kept, out/benchmarks if absent",
+        help="folder of the results; default: out/benchmarks",
     )
     given = parser.parse_args()
     if not (given.names or given.all or given.quick):
         print(
-            f"{listing()}\n\npython -m benchmarks NAME runs one, --quick the smallest cases of all"
+            f"{listing()}\n\npython -m benchmarks NAME runs a benchmark; "
+            "--quick runs small cases of all"
         )
         return
     unknown = [name for name in given.names if name not in SCRIPTS]
     if unknown:
         parser.error(f"there is no benchmark '{unknown[0]}'; the known ones: {', '.join(SCRIPTS)}")
     given.out.mkdir(parents=True, exist_ok=True)
-    versions = about("as each table says; else those that the library takes")
+    versions = about("as each table states; otherwise the default flags")
     rows = []
     for name in given.names or SCRIPTS:
         print(f"{name}: {SCRIPTS[name]}", file=sys.stderr, flush=True)
@@ -210,7 +214,7 @@ def main() -> None:
         listed = table(["benchmark", "what it measures", "s", "how it ended"], rows)
         text = f"# Benchmarks\n\n{heading(versions)}\n\n{listed}\n"
         (given.out / "README.md").write_text(text, encoding="utf-8")
-    print(f"kept in {given.out / 'README.md'}", file=sys.stderr)
+    print(f"written to {given.out / 'README.md'}", file=sys.stderr)
     if any(row[-1] != "ended" for row in rows):
         raise SystemExit(1)
 

@@ -1,10 +1,10 @@
-"""Cost of a call of ``simulate`` beside its C, of small models.
+"""Time that a call of ``simulate`` spends outside its C code, for small models.
 
-``python benchmarks/calls.py [--rounds 200]`` runs each model in turn with each method: with the
-same values again and again, and with other values of a parameter at each call. It prints medians of
-the time on the clock, of the time of the integration in C (``result.statistics.seconds``), and of
-their difference, which Python takes. Then it prints the time of kernels at 101 points, one by one
-and in one call.
+``python benchmarks/calls.py [--rounds 200]`` runs each model alternately with each method, once
+with equal values and once with a different value of a parameter at each call. It prints medians of
+the elapsed time, of the time of the integration in C (``result.statistics.seconds``) and of the
+difference, which is spent in Python. Then it prints the times of kernels at 101 points, evaluated
+one at a time and in one call.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Case(NamedTuple):
-    """A model, how far its runs go, and methods that take it."""
+    """A model, the time span of its runs, and the methods to measure."""
 
     label: str
     model: cotree.Model
@@ -47,7 +47,7 @@ def cases() -> list[Case]:
 
 
 def calls_of(case: Case, method: str) -> dict[str, Callable[[int], cotree.Result]]:
-    """Return ways to call a model, each as a function of the number of the call."""
+    """Return functions that call a model; their argument is the number of the call."""
     model, times = case.model, np.linspace(0.0, case.end, 101)
     name, value = model.parameters[0], float(model.default_parameters[0])
 
@@ -62,7 +62,7 @@ def calls_of(case: Case, method: str) -> dict[str, Callable[[int], cotree.Result
 
 
 def measure(call: Callable[[int], cotree.Result], rounds: int) -> list[float]:
-    """Return the medians of clock, C and their difference, [us]."""
+    """Return the medians of elapsed time, time in C and their difference, [us]."""
     found = []
     for k in range(rounds + 2):
         begin = time.perf_counter()
@@ -75,7 +75,7 @@ def measure(call: Callable[[int], cotree.Result], rounds: int) -> list[float]:
 
 
 def points(rounds: int) -> list[list[str]]:
-    """Measure kernels at many points, one by one and together."""
+    """Measure kernels at many points, one at a time and in one call."""
     model = cotree.load("slider-pendulum").compile(["L"])
     result = model.simulate((0.0, 10.0), np.linspace(0.0, 10.0, 101))
     t, y, s, rows = result.t, result.y, result.s, []

@@ -1,17 +1,17 @@
-"""The paper's claim: sensitivity graphs beside differentiating the assembled equations.
+"""Sensitivity graphs compared with direct differentiation of the assembled equations.
 
 Run it with ``python benchmarks/claim.py [SYSTEM ...] [--rounds N] [--json FILE]``; it prints
-Markdown. All ways give the rates of states and sensitivities, ``s' = J s + f_p``:
+Markdown. Three ways compute the rates of states and sensitivities, ``s' = J s + f_p``:
 
-- graphs: as this library does, the formulation run again over sensitivity graphs, their linear
-  equations solved with the factors of the first;
-- direct: the accelerations are solved for first, then differentiated, by the same forward rules,
-  passes, printing and compiler (of tangents along each sensitivity, and of the Jacobian times s,
-  whichever has fewer operations);
-- SymPy: those rates as SymPy expressions, ``jacobian`` and ``cse``, for a minute at most.
+- graphs: the formulation is evaluated for sensitivity graphs, whose linear equations are solved
+  with the factors of the first graph, as in cotree
+- direct: the solved accelerations are differentiated by the same forward rules, passes, printing
+  and compiler (tangents along each sensitivity, or the Jacobian times s, whichever has fewer
+  operations)
+- SymPy: ``jacobian`` and ``cse`` of the rates as SymPy expressions, limited to one minute.
 
-Generation is everything from the scene to the C, in processor seconds; of the Jacobian and what
-else a model has, nothing is formed. Times of a call are taken in turn.
+Generation times are processor times from the scene to the C code, without the Jacobian and other
+kernels of the model. Calls are timed alternately.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _AGREE = 1e-9  # rounding of some thousand operations
 
 @dataclass(frozen=True)
 class System:
-    """A scene, its parameters, how many of them are taken, and whether SymPy is tried."""
+    """A scene, its parameters, the numbers of parameters, and whether SymPy is measured."""
 
     make: Callable[[], Scene]
     order: Callable[[Scene], Sequence[str]]
@@ -82,7 +82,7 @@ def _ur5() -> Scene:
 
 
 def acting(scene: Scene) -> list[str]:
-    """List the parameters that the rates depend on, in the scene's order."""
+    """Return the parameters on which the rates depend, in the order of the scene."""
     first, _ = choose_first_graph(scene, trees_to_try(scene, None), ())
     equations = form_equations(first, (), with_columns=False)
     found = {node.data for node in symbols_in(lower(equations).kernels["rhs"].results)}
@@ -103,13 +103,13 @@ SYSTEMS = {
 
 
 def by_graphs(scene: Scene, names: Sequence[str]) -> Program:
-    """Form the program as the library does, the Jacobian left out."""
+    """Form the program as cotree does, without the Jacobian."""
     first, _ = choose_first_graph(scene, trees_to_try(scene, None), names)
     return run_passes(lower(form_equations(first, names, with_columns=False)))[0]
 
 
 def directly(scene: Scene, names: Sequence[str]) -> tuple[Program, float]:
-    """Differentiate the assembled rates; give the seconds that are not this way's own, too."""
+    """Differentiate the assembled rates; also return the time of steps common to all ways."""
     first, _ = choose_first_graph(scene, trees_to_try(scene, None), names)
     plain = lower(form_equations(first, (), with_columns=False))
     rates = list(plain.kernels["rhs"].results)
@@ -138,7 +138,7 @@ def _parameter(program: Program, name: str) -> Any:
 
 
 def _tangents(program: Program, rates: list[Any], names: Sequence[str]) -> list[Any]:
-    """Differentiate along each sensitivity: of all states, and of its parameter, at once."""
+    """Differentiate along each sensitivity, for all states and the parameter together."""
     dag, n, found = program.dag, len(rates), []
     for j, name in enumerate(names):
         seed = {dag.symbol("x", i): dag.symbol("s", j * n + i) for i in range(n)}
@@ -147,7 +147,7 @@ def _tangents(program: Program, rates: list[Any], names: Sequence[str]) -> list[
 
 
 def _products(program: Program, rates: list[Any], names: Sequence[str]) -> list[Any]:
-    """Differentiate by each state and each parameter, then multiply."""
+    """Differentiate with respect to each state and parameter, then multiply."""
     dag, n, found = program.dag, len(rates), []
     columns = [tangents(rates, {dag.symbol("x", i): dag.one}) for i in range(n)]
     for j, name in enumerate(names):
@@ -163,7 +163,7 @@ def _products(program: Program, rates: list[Any], names: Sequence[str]) -> list[
 def compiled(
     program: Program, generation: float, options: BuildOptions, x: Any, s: Any
 ) -> Contender:
-    """Print and compile a program; its kernel can then be called."""
+    """Print and compile a program and return a kernel that can be called."""
     began = time.process_time()
     context = model_context(program)
     files = render_model(context)
@@ -202,7 +202,7 @@ def compiled(
 def measure(
     name: str, system: System, n_names: int, rounds: int, options: BuildOptions
 ) -> dict[str, Any]:
-    """Measure a system with so many of its parameters, all of them if none."""
+    """Measure a system with the given number of parameters, or with all."""
     every = system.order(system.make())
     names = list(every[: n_names or len(every)])
     rng = np.random.default_rng(0)
@@ -238,7 +238,7 @@ def measure(
 
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
-    """Write the table; a dash stands for SymPy where a minute was not enough."""
+    """Print the table; a dash marks cases in which SymPy exceeds one minute."""
     head = ["system", "parameters", "generation s: graphs", "direct", "SymPy"]
     head += ["operations: graphs", "direct", "SymPy", "ns per call: graphs", "direct", "SymPy"]
     head += ["graphs / direct: operations", "time"]
@@ -258,17 +258,17 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all systems and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("systems", nargs="*", metavar="SYSTEM", help=", ".join(SYSTEMS))
     parser.add_argument("--rounds", type=int, default=31)
-    parser.add_argument("--json", type=Path, help="a file for the same numbers")
+    parser.add_argument("--json", type=Path, help="also write the numbers to this file")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     if unknown := [name for name in given.systems if name not in SYSTEMS]:
         parser.error(f"no system '{unknown[0]}': take {', '.join(SYSTEMS)}")
     options = BuildOptions(native=True)
-    versions = about("native code as the library compiles it; SymPy's by -O3 -march=native")
+    versions = about("cotree's flags for native code; SymPy's code by -O3 -march=native")
     by_graphs(rod_chain(2)[0], ["m0"])  # imports are not counted
     rows = []
     for name in given.systems or SYSTEMS:

@@ -1,11 +1,13 @@
-"""Three ways to integrate sensitivities with SUNDIALS, side by side in one run.
+"""Three ways to integrate sensitivities with SUNDIALS.
 
-Run it with ``python benchmarks/correctors.py [ROW ...] [--runs N] [--write]``; it needs CVODES and
-IDAS (the extra cotree[sundials], or COTREE_SUNDIALS), and with COTREE_SUNDIALS takes CVODE and IDA
-from the same library. It prints Markdown, and with ``--write`` puts it into ``docs/engine.md``.
-For each error, the least time of all tolerances that reach it: error = max |y - ref| / max(1, max
-|ref|) over 101 points, states and sensitivities. Times are the least of many runs, taken in turn,
-from the first call of C to the last; they are comparable within a row only.
+Run it with ``python benchmarks/correctors.py [ROW ...] [--runs N] [--write]``. It needs CVODES and
+IDAS (the extra cotree[sundials], or COTREE_SUNDIALS). With COTREE_SUNDIALS, CVODE and IDA are taken
+from the same library. It prints Markdown, and with ``--write`` inserts the table into
+``docs/engine.md``.
+
+For each error, the table lists the minimum time over all tolerances that reach it. The error is max
+|y - ref| / max(1, max |ref|) of states and sensitivities at 101 points. Times are minima of many
+alternating runs, from the first call of C to the last. Compare them only within a row.
 """
 
 from __future__ import annotations
@@ -48,7 +50,7 @@ ENOUGH = 2
 
 @dataclass(frozen=True)
 class Row:
-    """A system, its parameters of sensitivity, and which of SUNDIALS' integrators takes it."""
+    """A system, the parameters of its sensitivities, and the integrators of SUNDIALS to measure."""
 
     name: str
     make: Callable[[], cotree.Scene]
@@ -125,7 +127,7 @@ def errors(result: Result, reference: Result) -> float:
 
 
 def measure(row: Row, runs: int) -> tuple[int, dict[str, list[Run]]]:
-    """Run all ways at all tolerances, in turn; give the number of sensitivities, too."""
+    """Run all ways at all tolerances alternately; also return the number of sensitivities."""
     scene = row.make()
     model = scene.compile(row.wanted(scene))
     times = np.linspace(0.0, row.end, 101)
@@ -152,7 +154,7 @@ def measure(row: Row, runs: int) -> tuple[int, dict[str, list[Run]]]:
 
 
 def cells_of(target: float, found: Sequence[list[Run]]) -> list[str]:
-    """Write the quickest of each way that reach an error."""
+    """Return the fastest run of each way that reaches each error."""
     best = [
         min((r for r in runs if r.error <= target), key=lambda r: r.seconds, default=None)
         for runs in found

@@ -1,7 +1,7 @@
-"""Members of an ensemble by other tools: the same equations, states and order of results.
+"""Members of an ensemble by other tools, with the same equations, states and order of results.
 
-heyoka takes Taylor steps of several members in the lanes of a vector, Diffrax steps of all members
-in one array, with sensitivities as further states whose rates are Jacobian-vector products.
+heyoka takes Taylor steps of several members in the lanes of vectors. Diffrax takes steps of all
+members in one array; sensitivities are additional states, whose rates are Jacobian-vector products.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ ATOL = 0.1
 
 
 class Heyoka:
-    """Taylor's method in batches as wide as heyoka recommends; sensitivities by variations.
+    """Taylor's method in batches of the recommended width, with variational equations.
 
     Parameters
     ----------
     model : cotree.Model
-        The model, whose sensitivities are formed.
+        Model, compiled with the sensitivities to integrate.
     columns : sequence of str
-        The parameters that members set.
+        Parameters whose values differ between members.
     start : ndarray, shape (n_states * (1 + n_sensitivities),)
         States at the start and their sensitivities parameter by parameter, the same for all
         members.
@@ -64,7 +64,7 @@ class Heyoka:
         ndarray, shape (n_members, n_t, n_states * (1 + n_sensitivities))
             States, then their sensitivities parameter by parameter.
         float
-            Seconds of the processor in the tool itself.
+            Processor time of the tool itself, [s].
         """
         width = self.width
         if tolerance not in self.made:
@@ -96,7 +96,7 @@ class Heyoka:
 
 
 class Diffrax:
-    """Diffrax, Dopri8 of all members in one array on one thread, compiled by XLA."""
+    """Dopri8 of Diffrax for all members in one array on one thread, compiled by XLA."""
 
     name, is_quick = "Diffrax", False
 
@@ -141,7 +141,7 @@ class Diffrax:
         ndarray, shape (n_members, n_t, n_states * (1 + n_sensitivities))
             States, then their sensitivities parameter by parameter.
         float
-            Seconds of the processor in the tool itself.
+            Processor time of the tool itself, [s].
         """
         every = np.hstack([rows, np.tile(self.rest, (len(rows), 1))])
         if self.made is None:

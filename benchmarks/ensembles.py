@@ -1,13 +1,15 @@
-"""Ensembles: a thousand runs in one call, beside loops of single runs and other tools.
+"""A thousand runs in one call, compared with loops of single runs and other tools.
 
-Run it with ``python benchmarks/ensembles.py [ROW ...] [--members N] [--rounds N] [--json FILE]``;
-it needs ``pip install heyoka diffrax`` and leaves out what is not there. Parameters are drawn
-within 10 % of the scene's. Every tool takes the loosest tolerance with which no member errs by more
-than 1e-6 at any of 101 points, in steps of an eighth of a decade, beside the same members at 1e-12:
-error = |y - ref| / max(1, max |ref|), of states and sensitivities alike. Tools take turns; times
-are medians, of a member, [us], with the least in parentheses.
-``one thread`` is time of the processor, which other work on the machine does not lengthen; ``on the
-clock`` and ``two threads`` are what a user waits. What compiling takes is left out for all.
+Run it with ``python benchmarks/ensembles.py [ROW ...] [--members N] [--rounds N] [--json FILE]``.
+It needs ``pip install heyoka diffrax`` and omits tools that are missing. Parameters are drawn
+within 10 % of their values in the scene. Each tool uses the loosest tolerance, in steps of an
+eighth of a decade, for which the error of every member is at most 1e-6 at all of 101 points. The
+error is |y - ref| / max(1, max |ref|) of states and sensitivities; the reference has a tolerance of
+1e-12.
+
+The tools run alternately. Times are medians per member, [us], with minima in parentheses. ``one
+thread`` is processor time, which other load does not affect; ``on the clock`` and ``two threads``
+are elapsed times. Compilation times are not included.
 """
 
 from __future__ import annotations
@@ -48,7 +50,7 @@ LOOP, IN_C = "loop of `simulate`", "its time in C"
 
 @dataclass(frozen=True)
 class Row:
-    """A work: a scene, what is drawn, what sensitivities are taken to, and who does it."""
+    """A scene, the distributions of its parameters, its sensitivities, and the tools to measure."""
 
     name: str
     make: Callable[[], Any]
@@ -104,7 +106,7 @@ ROWS = [
 
 @dataclass
 class Entry:
-    """A tool at the tolerance that it needs.
+    """A tool with the tolerance that it needs.
 
     Attributes
     ----------
@@ -139,7 +141,7 @@ class Entry:
 
 
 class Work:
-    """One row: its model, its members and their reference."""
+    """A row with its model, its members and their reference."""
 
     def __init__(self, row: Row, n_members: int | None) -> None:
         self.row, scene = row, row.make()
@@ -157,7 +159,7 @@ class Work:
         self.exact = block.z
 
     def plan(self, method: str, tolerance: float, lanes: int | None = 1) -> Plan:
-        """Return how members are run."""
+        """Return the settings with which members are run."""
         settings = Settings(
             (0.0, self.row.end), self.times, method, tolerance, tolerance * ATOL,
             initial=self.row.initial,
@@ -165,14 +167,14 @@ class Work:
         return Plan(self.model, settings, self.columns, lanes=lanes)
 
     def error(self, found: Any) -> float:
-        """Return the largest error of the members that were run."""
+        """Return the largest error of all members."""
         exact = self.exact[: len(found)]
         share = np.abs(found - exact) / np.maximum(1.0, np.abs(exact).max(axis=1, keepdims=True))
         # A member that failed is nan.
         return float(np.max(share)) if np.all(np.isfinite(found)) else np.inf
 
     def loosest(self, values: Callable[[float], Any]) -> tuple[float, float]:
-        """Find the loosest tolerance that keeps the error, and that error."""
+        """Return the loosest tolerance that satisfies the error, and this error."""
         for exponent in COARSE:
             error = self.error(values(10.0**-exponent))
             if error <= WANTED:
@@ -186,13 +188,13 @@ class Work:
         return 10.0**-exponent, error
 
     def start(self) -> Any:
-        """States and sensitivities at the start, which members share."""
+        """Initial states and sensitivities, which are the same for all members."""
         start = self.model.start(initial=self.row.initial)
         return np.concatenate([start.y, start.s.T.ravel()])
 
 
 def own(work: Work) -> list[Entry]:
-    """Enter the methods of cotree, in lanes where there are any, and a loop of single runs."""
+    """Add cotree's methods, in lanes if available, and a loop of single runs."""
     entries = []
     for method in work.row.methods:
         tolerance, error = work.loosest(
@@ -212,7 +214,7 @@ def own(work: Work) -> list[Entry]:
 
 
 def _single(work: Work, method: str, tolerance: float, error: float) -> list[Entry]:
-    """Enter a loop of ``simulate``, and the time in C that its results tell."""
+    """Add a loop of ``simulate``, and its time in C."""
     some = work.rows[:FEW].tolist()
 
     def run(threads: int) -> float:
@@ -235,7 +237,7 @@ def _single(work: Work, method: str, tolerance: float, error: float) -> list[Ent
 
 
 def others(work: Work) -> list[Entry]:
-    """Enter the peers that are installed."""
+    """Add the other tools that are installed."""
     entries = []
     for kind in PEERS:
         if kind.name not in work.row.peers:
@@ -268,7 +270,7 @@ def measure(row: Row, n_members: int | None, rounds: int) -> list[Entry]:
 
 
 def line(entry: Entry, peers: list[Entry]) -> list[str]:
-    """Write the cells of an entry, with its share of the best peer's time."""
+    """Return the cells of an entry, with the ratio to the best time of other tools."""
     clock, cells = median(entry.clock), [entry.tool, f"{entry.tolerance:.1e}", f"{entry.error:.0e}"]
     own = [of(entry.processor) for of in (median, min)]
     best = [min(of(peer.processor) for peer in peers) for of in (median, min)]
@@ -288,7 +290,7 @@ HEAD = (
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("rows", nargs="*", help="parts of their names; all of them if absent")
+    parser.add_argument("rows", nargs="*", help="parts of the names of rows; default: all rows")
     parser.add_argument("--members", type=int)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--json", type=Path)

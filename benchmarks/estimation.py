@@ -1,13 +1,13 @@
-"""Gradients of published estimation problems, from their files on: cotree beside AMICI.
+"""Gradients of published estimation problems: cotree compared with AMICI.
 
 ``python benchmarks/estimation.py [PROBLEM ...] [--folder DIR] [--amici PYTHON] [--rounds N]``
 
-Problems are folders of the PEtab benchmark collection, below DIR. Each tool reads a problem in a
-process of its own with an empty cache; times of import, reading and compiling, and of the first
-gradient by the estimated parameters at the nominal values are on the clock, and so is their sum.
-Later gradients are then taken in turn, round by round, cotree's at 1e-8 and AMICI's by forward
-sensitivities at the same tolerances; medians are given, on the clock and of the processor. AMICI is
-looked for in PYTHON, which may be of an environment of its own; without it cotree runs alone.
+Problems are folders of the PEtab benchmark collection in DIR. Each tool reads a problem in its own
+process with an empty cache. The elapsed times of imports, reading, compilation and the first
+gradient are measured, and their sum. The gradient is with respect to the estimated parameters at
+the nominal values. Later gradients are computed alternately, with tolerances of 1e-8; AMICI uses
+forward sensitivities. Medians of elapsed and processor times are printed. AMICI runs in the Python
+interpreter PYTHON, which may belong to another environment; without it, only cotree is measured.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class OfCotree:
         return -value - self.problem.log_prior(), (-slopes).tolist()
 
     def inside(self) -> float:
-        """Return the seconds that the tool itself counted in the last gradient."""
+        """Return the time that the solver of the tool counted in the last gradient, [s]."""
         return float("nan")
 
 
@@ -109,7 +109,7 @@ class OfAmici:
         return float(self.found["llh"]), [float(self.found["sllh"][name]) for name in self.names]
 
     def inside(self) -> float:
-        """Return the seconds of the processor that its solver counted in the last gradient."""
+        """Return the time that the solver of the tool counted in the last gradient, [s]."""
         return sum(run.cpu_time_total for run in self.found["rdatas"]) / 1e3
 
 
@@ -117,7 +117,7 @@ TOOLS: dict[str, Any] = {"cotree": OfCotree, "AMICI": OfAmici}
 
 
 def work(tool: str, file: Path) -> None:
-    """Read a problem, take its first gradient, and one more for each line that comes in."""
+    """Read a problem, compute its first gradient, and another one for each line of input."""
     # Only the lines of answers may reach the other process.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
@@ -144,7 +144,7 @@ def work(tool: str, file: Path) -> None:
 
 
 class Worker:
-    """A tool in a process of its own, with an empty cache."""
+    """A tool in its own process, with an empty cache."""
 
     def __init__(self, tool: str, python: str, file: Path, cache: str) -> None:
         # AMICI runs the programs that pip has put beside its Python.
@@ -164,7 +164,7 @@ class Worker:
         self.first = self.answer()
 
     def answer(self) -> Any:
-        """Wait for its next line."""
+        """Return the next line of its output."""
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         if not line:
@@ -172,14 +172,14 @@ class Worker:
         return json.loads(line)
 
     def once(self) -> tuple[float, float, float]:
-        """Have it take one more gradient."""
+        """Compute one more gradient."""
         assert self.process.stdin is not None
         print(file=self.process.stdin, flush=True)
         return tuple(self.answer())
 
 
 def compare(name: str, folder: Path, pythons: dict[str, str], rounds: int) -> list[list[str]]:
-    """Time one problem by all tools."""
+    """Measure one problem with all tools."""
     file = folder / name / f"{name}.yaml"
     with tempfile.TemporaryDirectory() as cache:
         workers = {tool: Worker(tool, python, file, cache) for tool, python in pythons.items()}
@@ -205,7 +205,7 @@ def compare(name: str, folder: Path, pythons: dict[str, str], rounds: int) -> li
 
 
 def has_module(python: str, module: str) -> bool:
-    """Whether a Python can import a module."""
+    """Return whether a Python interpreter can import a module."""
     run = subprocess.run([python, "-c", f"import {module}"], capture_output=True)
     return run.returncode == 0
 
@@ -218,7 +218,7 @@ def main() -> None:
     parser.add_argument("--amici", default=sys.executable, metavar="PYTHON")
     parser.add_argument("--rounds", type=int, default=31)
     parser.add_argument("--work", nargs=2, metavar=("TOOL", "FILE"), help=argparse.SUPPRESS)
-    parser.add_argument("--json", type=Path, help="write the table there, too")
+    parser.add_argument("--json", type=Path, help="also write the table to this file")
     given = parser.parse_args()
     if given.work:
         work(given.work[0], Path(given.work[1]))
@@ -232,7 +232,7 @@ def main() -> None:
     if has_module(given.amici, "amici"):
         pythons["AMICI"] = given.amici
     else:
-        print(f"AMICI is not installed in {given.amici}: cotree runs alone\n")
+        print(f"AMICI is not installed in {given.amici}: only cotree is measured\n")
     head = ["problem", "by", "states", "parameters", "import [s]", "read and compile [s]"]
     head += ["first gradient [s]", "in all [s]", "gradient [ms]", "processor [ms]"]
     head += ["in its solver [ms]", "log-likelihood"]

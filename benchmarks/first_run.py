@@ -1,10 +1,10 @@
-"""Times of the first run of a scene, and of later ones, which find what it kept.
+"""Times of the first run of a scene and of later runs, which use the cache.
 
-Run it with ``python benchmarks/first_run.py [command] [ladder] [--rounds N] [--stages N]
-[--json FILE]``; it prints Markdown, both tables where none is named. Every time is that of a new
-process, from its start to its end, and the median of rounds in which all cases take turns:
-``seconds`` on the clock, ``CPU`` those of the process and of its compilers. Python's own bytecode
-exists beforehand, as after an installation.
+Run it with ``python benchmarks/first_run.py [command] [ladder] [--rounds N] [--stages N] [--json
+FILE]``; it prints Markdown, by default both tables. Every time is that of a new process from start
+to end, as the median of rounds in which all cases run alternately. ``seconds`` is the elapsed time,
+and ``CPU`` is the processor time of the process and its compilers. Python's bytecode exists
+beforehand, as after an installation.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ rc_ladder(int(sys.argv[1])).compile().simulate((0.0, 10.0), throw=True)
 
 
 def took(cache: Path, *arguments: str) -> tuple[float, float]:
-    """Time a new Python with a folder as its cache: seconds on the clock, and of processors."""
+    """Return elapsed and processor time of a new Python process with the given cache folder."""
     environment = {
         key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"
     }
@@ -61,7 +61,7 @@ def took(cache: Path, *arguments: str) -> tuple[float, float]:
 
 
 def command(cache: Path) -> dict[str, tuple[float, float]]:
-    """Time the command line with an empty cache, and with what earlier runs left in it."""
+    """Measure the command line with an empty cache and with caches of earlier runs."""
     run = ("-m", "cotree", "run")
     first = took(cache / "first", *run, SCENE)
     again = took(cache / "first", *run, SCENE)
@@ -75,7 +75,7 @@ def command(cache: Path) -> dict[str, tuple[float, float]]:
 
 
 def ladder(cache: Path, n: int) -> dict[str, tuple[float, float]]:
-    """Time a long ladder, formed anew and kept."""
+    """Measure a long ladder with an empty cache and with a filled cache."""
     script = ("-c", LADDER, str(n))
     return {
         f"ladder of {n} stages, empty cache": took(cache, *script, "kept"),
@@ -87,7 +87,7 @@ def ladder(cache: Path, n: int) -> dict[str, tuple[float, float]]:
 def rounds(
     measure: Callable[[Path], dict[str, tuple[float, float]]], n: int
 ) -> dict[str, tuple[float, float]]:
-    """Take medians of rounds, each with a cache of its own."""
+    """Return medians over rounds, each of which uses its own cache."""
     found: dict[str, list[tuple[float, float]]] = {}
     for _ in range(n):
         with tempfile.TemporaryDirectory() as folder:
@@ -101,7 +101,7 @@ def rounds(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("tables", nargs="*", help="command, ladder; both of them if absent")
+    parser.add_argument("tables", nargs="*", help="tables: command, ladder; default: both")
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--stages", type=int, default=2000)
     parser.add_argument("--json", type=Path)

@@ -1,12 +1,12 @@
-"""Growth with size: chains of rods and RC ladders, from the scene to the C and its time per call.
+"""Growth with size: operations, code and times for chains of rods and RC ladders.
 
 Run it with ``python benchmarks/growth.py [chain] [jacobian] [ladder] [--json FILE] [N ...]``; it
-prints Markdown, all tables where none is named, and writes the same numbers as JSON. ``chain``
-looks at the rates of a planar chain alone, whose Jacobian has as many entries as the square of its
-rods: ``jacobian`` takes that in, and stops at shorter chains. Sizes N are those of every table that
-is named. Times are of the processor, which other work on the machine does not lengthen, and of this
-machine; the exponents are those of N in a least-squares fit of the logarithms over the larger half
-of the sizes.
+prints Markdown, by default all tables. ``chain`` measures only the rates of a planar chain. The
+number of entries of its Jacobian grows with the square of the number of rods, so ``jacobian``
+measures shorter chains. Sizes N apply to all named tables.
+
+Times are processor times, which other load does not affect. The exponent of each column is that of
+N in a least-squares fit of the logarithms over the larger half of the sizes.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ _REPEATS = 7
 
 @dataclass(frozen=True)
 class Row:
-    """Costs of one size; processor times in seconds, those of a call in nanoseconds."""
+    """Costs of one size: processor times in seconds, time of a call in nanoseconds."""
 
     n: int
     operations: int
@@ -90,13 +90,13 @@ class Row:
 
 
 def processor_seconds() -> float:
-    """Time of the processor spent by this process and by those that it has waited for."""
+    """Return the processor time of this process and of its finished children."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(row.ru_utime + row.ru_stime for row in used)
 
 
 def measure(name: str, n: int) -> Row:
-    """Take one scene to C, compile that, and call it."""
+    """Generate, compile and call the C code of one scene."""
     make, _, kernel, with_columns = TABLES[name]
     start = processor_seconds()
     scene = make(n)
@@ -155,7 +155,7 @@ def _n_results(program: cotree.program.Program, kernel: str) -> int:
 
 
 def exponents(rows: Sequence[Row]) -> dict[str, float]:
-    """Fit the exponent of N of each column, over the larger half of the sizes."""
+    """Return the exponent of N of each column, fitted over the larger half of the sizes."""
     later = rows[-max(2, (len(rows) + 1) // 2) :]
     n = np.log([row.n for row in later])
     names = [name for name in asdict(rows[0]) if name != "n"]
@@ -178,7 +178,7 @@ HEAD = (
 
 
 def markdown(rows: Sequence[Row], fitted: dict[str, float]) -> str:
-    """Write a table with its exponents below."""
+    """Return a table with a row of exponents."""
     lines = []
     for row in rows:
         counts = (row.n, row.operations, row.lines, row.c_bytes, row.longest)
@@ -190,10 +190,10 @@ def markdown(rows: Sequence[Row], fitted: dict[str, float]) -> str:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure and print all tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("what", nargs="*", help="tables, and sizes")
-    parser.add_argument("--json", type=Path, help="a file for the same numbers")
+    parser.add_argument("what", nargs="*", help="names of tables, and sizes")
+    parser.add_argument("--json", type=Path, help="also write the numbers to this file")
     given = parser.parse_args()
     sizes = [int(word) for word in given.what if word.isdigit()]
     names = [word for word in given.what if not word.isdigit()] or list(TABLES)

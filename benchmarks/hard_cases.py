@@ -1,10 +1,10 @@
-"""Hard cases: digits reached against tolerance, drift, cost, and what was hard.
+"""Accuracy and cost of hard cases at several tolerances.
 
-Run it with ``python benchmarks/hard_cases.py [CASE ...] [--write]``. It prints Markdown; without
-names it runs all of them, some minutes, and with ``--write`` writes ``docs/hard_cases.md``. Cost is
-counted in steps and evaluations, so that the page is the same on every machine, but for what
-rounding decides. The cases are those of ``tests/example_scenes/hard_cases.py``, of which tests run
-the quick ones.
+Run it with ``python benchmarks/hard_cases.py [CASE ...] [--write]``. It prints Markdown. Without
+names it runs all cases, which takes some minutes; with ``--write`` it writes
+``docs/hard_cases.md``. The cost is the number of steps and evaluations, so that the page is the
+same on all machines up to rounding errors. The cases are defined in
+``tests/example_scenes/hard_cases.py``; tests run the fast ones.
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ REVERSAL = ((5.0, 10.0, 20.0), (1e-7, 1e-10, 1e-13))
 
 HEAD = """# Hard cases
 
-`python benchmarks/hard_cases.py --write` writes this page. Unless the table states others, each
-case runs at the relative tolerances 1e-4, 1e-7 and 1e-10, to which the three numbers in a cell
-belong. The absolute tolerance is the relative tolerance times 1e-2, or times 1e-12 and 1e-14 for
-the two chemical reactions. `auto` selects the method; `*` marks a method that was selected by name.
+`python benchmarks/hard_cases.py --write` writes this page. Each case runs at the relative
+tolerances 1e-4, 1e-7 and 1e-10, unless the table states others. The three numbers in a cell belong
+to these tolerances. The absolute tolerance is the relative tolerance times 1e-2, or times 1e-12 and
+1e-14 for the two chemical reactions. `auto` selects the method; `*` marks a method that was
+selected by name.
 
 - **against**: the reference solution. It is a file of `tests/references`, a closed form, or a
   solution on which two different methods agree.
 - **digits**: −log₁₀ of the largest error of all quantities at all times. The error is relative to
-  the largest value of the quantity. If the list below says "digits of each", it is relative to each
-  value itself. The accuracy of the reference limits this number.
+  the largest value of the quantity. If the list below states "digits of each", it is relative to
+  each value itself. The accuracy of the reference limits this number.
 - **drift**: the change of the energy relative to its value (in J if the value is below 1 J), or the
   residual of the constraints.
 - **steps, evaluations**: the number of steps and of evaluations of the right-hand side. Times
@@ -49,12 +50,12 @@ final angles and rates. The method is dop853 with `atol = rtol`.
 
 
 def rounded(values: list[str]) -> str:
-    """Write three values in a cell, one where all are the same."""
+    """Return a cell with three values, or one value if they are equal."""
     return values[0] if len(set(values)) == 1 else " / ".join(values)
 
 
 def row(name: str, runs: list[Outcome]) -> str:
-    """Write a line of the table."""
+    """Return a row of the table."""
     case = CASES[name]
     methods = list(dict.fromkeys(run.method for run in runs))
     mark = "" if case.method == "auto" else "*"
@@ -77,7 +78,7 @@ def row(name: str, runs: list[Outcome]) -> str:
 
 
 def table(names: list[str]) -> str:
-    """Run cases, and write the table."""
+    """Run cases and return the table."""
     lines = [
         timing.heading(["case", "against", "method", "digits", "drift", "steps", "evaluations"])
     ]
@@ -92,7 +93,7 @@ def what_was_hard(names: list[str]) -> str:
 
 
 def reversals() -> str:
-    """Run the double pendulum forwards and back."""
+    """Integrate the double pendulum forwards and backwards."""
     times, tolerances = REVERSAL
     model = model_of("double pendulum, 10 s")
     rows = []

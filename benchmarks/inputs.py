@@ -1,7 +1,7 @@
-"""Cost of inputs that are given to a run: a number, an expression, tables, functions of Python.
+"""Cost of the inputs of a run: a number, an expression, tables and Python functions.
 
-``python benchmarks/inputs.py [--rounds 121]`` runs the drive of docs/how_to/inputs.md in turn with
-each, so that what disturbs one disturbs all, and prints the least and the median time of a run.
+``python benchmarks/inputs.py [--rounds 121]`` runs the drive of docs/how_to/inputs.md alternately
+with each kind of input. It prints the minimum and the median time of a run.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _SPAN = (0.0, 6.0)
 
 
 def drive() -> cotree.Model:
-    """Compile the drive of the page."""
+    """Compile the drive of docs/how_to/inputs.md."""
     scene = cotree.Scene("drive", gravity=[0, -9.81, 0])
     scene.parameter("w", 3.0)
     scene.input("torque", 0.0, unit="N m")

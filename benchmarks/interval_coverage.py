@@ -1,11 +1,13 @@
-"""Counts of intervals that hold, by fits of simulated experiments, seed by seed.
+"""Coverage of confidence intervals in fits of simulated experiments.
 
-Run it with ``python benchmarks/interval_coverage.py [CASE ...] [--seeds N] [--write]``; it prints
-Markdown, of cases whose names begin so where any is given, and with ``--write`` puts it into
-``docs/how_to/trust_a_fit.md``. Each seed draws the noise of all measured values of a case anew, the
-fit begins at the truth, and an interval of 95 % either holds the true value or not. Seeds are those
-from zero on, none is left out. Of 100 intervals that hold with 95 %, 93 to 97 hold in three of four
-cases only, so where a count lies outside all seeds to 1000 are run as well.
+Run it with ``python benchmarks/interval_coverage.py [CASE ...] [--seeds N] [--write]``. It prints
+Markdown for the cases whose names begin with CASE, by default for all; with ``--write`` it inserts
+the table into ``docs/how_to/trust_a_fit.md``.
+
+Each seed draws new noise for all measured values of a case. The fit begins at the true values, and
+each 95 % interval is tested for the true value. Seeds are consecutive from zero, and none is
+omitted. If the intervals are exact, the count in 100 seeds is between 93 and 97 in three of four
+cases only. Cases with a count outside this range are run with 1000 seeds, too.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ WISHED = (93, 97)
 
 
 def counted(names: list[str], seeds: range) -> dict[str, dict[str, int]]:
-    """Count side by side in processes, blocks of seeds of each case."""
+    """Count in parallel processes, in blocks of seeds of each case."""
     blocks = [
         (name, range(first, min(first + BLOCK, seeds.stop)))
         for name in names
@@ -46,7 +48,7 @@ def counted(names: list[str], seeds: range) -> dict[str, dict[str, int]]:
 
 
 def cells(counts: dict[str, int] | None) -> str:
-    """Write counts into a cell."""
+    """Return the cells with counts."""
     return ", ".join(f"{key} {n}" for key, n in counts.items()) if counts else ""
 
 

@@ -1,7 +1,8 @@
-"""Kernels of other tools: the same equations, derivatives by each tool's own means.
+"""Kernels of other tools for the same equations, differentiated by each tool.
 
-CasADi's SX functions as C, heyoka's compiled functions, SymPy's ``diff`` and ``cse`` printed as C,
-and Pinocchio's C++ of a chain. A kernel that is not there within a limit says so in its note.
+The tools are CasADi (SX functions as C), heyoka (compiled functions), SymPy (``diff`` and ``cse``
+printed as C) and Pinocchio (C++ of a chain). If a kernel is not available within a time limit, its
+note states this.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ _CLANG = ("clang", "-O1", "-march=native", "-ffp-contract=fast")
 
 
 def levels(n_operations: int) -> list[tuple[str, ...]]:
-    """List the commands to try: the best, then what still ends."""
+    """Return the compiler commands to try, the best first."""
     best = [(compiler(), *BEST)] if n_operations <= _FEW else []
     return [*best, *([_CLANG] if shutil.which("clang") else [])]
 
 
 def places(model: Any) -> tuple[list[int], list[int]]:
-    """Return rows and columns of the Jacobian's entries, in their order."""
+    """Return the rows and columns of the entries of the Jacobian, in their order."""
     starts, rows = model.kernels.layout.column_starts, list(model.kernels.layout.row_indices)
     columns = [j for j in range(len(starts) - 1) for _ in range(starts[j], starts[j + 1])]
     return rows, columns
@@ -43,7 +44,7 @@ def places(model: Any) -> tuple[list[int], list[int]]:
 
 
 def casadi_function(model: Any, kernel: str) -> Any:
-    """Form a kernel as a function of x, s and p."""
+    """Build a kernel as a function of x, s and p."""
     import casadi as ca
 
     n, free = len(model.states), list(model.parameters)
@@ -70,7 +71,7 @@ def casadi_function(model: Any, kernel: str) -> Any:
 
 
 def casadi_operations(function: Any) -> int:
-    """Count what is neither a constant nor an argument nor a result."""
+    """Return the number of instructions other than constants, arguments and results."""
     import casadi as ca
 
     none = (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_PARAMETER)
@@ -78,7 +79,7 @@ def casadi_operations(function: Any) -> int:
 
 
 def casadi(model: Any, kernel: str, x: Any, s: Any) -> Contender:
-    """Have CasADi write a kernel, compiled at its best level that ends in time."""
+    """Generate a kernel by CasADi and compile it at the best level that ends in time."""
     import casadi as ca
 
     began = time.process_time()
@@ -122,7 +123,7 @@ def casadi(model: Any, kernel: str, x: Any, s: Any) -> Contender:
 
 
 def _heyoka_objects(model: Any, kernel: str, folder: Path) -> None:
-    """Compile with and without vectors inside a call, in a process that can be stopped."""
+    """Compile with and without vectors in a process that can be terminated."""
     import heyoka as hy
 
     n, free = len(model.states), list(model.parameters)
@@ -148,7 +149,7 @@ def _heyoka_objects(model: Any, kernel: str, folder: Path) -> None:
 
 
 def heyoka(model: Any, kernel: str, x: Any, s: Any) -> Contender:
-    """Take heyoka's machine code out of it, the faster of its two kinds."""
+    """Return the machine code of heyoka, the faster of two variants."""
     import heyoka as hy
 
     folder, began = Path(tempfile.mkdtemp(prefix="peer")), time.perf_counter()
@@ -193,7 +194,7 @@ def heyoka(model: Any, kernel: str, x: Any, s: Any) -> Contender:
 
 
 def sympy_text(model: Any, kernel: str) -> tuple[str, int]:
-    """Return C text of ``diff`` and ``cse``, and its operations."""
+    """Return the C text of ``diff`` and ``cse``, and its number of operations."""
     import sympy
     from sympy.codegen.rewriting import create_expand_pow_optimization
 
@@ -236,7 +237,7 @@ def _write_sympy(model: Any, kernel: str, folder: Path) -> None:
 
 
 def sympy(model: Any, kernel: str, x: Any, s: Any, limit: float = LIMIT) -> Contender:
-    """Have SymPy differentiate and share, in a process that can be stopped."""
+    """Differentiate by SymPy and apply ``cse``, in a process that can be terminated."""
     importlib.import_module("sympy.codegen.rewriting")  # what that takes is not its own
     folder = Path(tempfile.mkdtemp(prefix="peer"))
     within(limit, _write_sympy, (model, kernel, folder))
@@ -265,10 +266,10 @@ def sympy(model: Any, kernel: str, x: Any, s: Any, limit: float = LIMIT) -> Cont
 
 
 def pinocchio_chain(n: int, folder: Path, seconds: float = 0.5) -> dict[str, float]:
-    """Time Pinocchio's C++ of the chain of n rods, in a program of its own: least times, [ns].
+    """Return minimum times of Pinocchio's C++ for the chain of n rods, [ns].
 
-    Its derivatives are those by positions, velocities and torques. The program is the one of the
-    robots, built in the folder if it is not there.
+    The derivatives are with respect to positions, velocities and torques. The program is that of
+    ``robots.py``; it is built in the folder if it does not exist.
     """
     import pinocchio
     import robots

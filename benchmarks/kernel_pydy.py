@@ -1,7 +1,7 @@
-"""The chain of rods by PyDy: Kane's equations by SymPy, PyDy's C of their matrices, solved in C.
+"""The chain of rods by PyDy: Kane's equations by SymPy, matrices as C by PyDy, solution in C.
 
-PyDy leaves the solution to LAPACK through NumPy; here a Cholesky factorisation in C does it, which
-takes less time at these sizes.
+PyDy solves the linear system by LAPACK through NumPy. This script uses a Cholesky factorisation in
+C instead, which is faster for these sizes.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ void peer(double *in, double *out)
 
 
 def kanes_matrices(n: int, names: tuple[str, ...]) -> tuple[list[Any], list[Any]]:
-    """Form mass matrix and forcing of a chain of n rods, with the symbols they depend on."""
+    """Return mass matrix and forcing of a chain of n rods, and the symbols in them."""
     import sympy
     from sympy.physics import mechanics
 
@@ -81,7 +81,7 @@ def _write(n: int, names: tuple[str, ...], folder: Path) -> None:
 
 
 def pydy(model: Any, kernel: str, x: Any, s: Any, limit: float = 100.0) -> Contender:
-    """Have PyDy write the rates of a chain of rods, in a process that can be stopped."""
+    """Generate the rates of a chain of rods by PyDy, in a process that can be terminated."""
     import pydy  # noqa: F401 - missing, it is left out
 
     folder, began = Path(tempfile.mkdtemp(prefix="peer")), time.perf_counter()

@@ -1,13 +1,13 @@
-"""Kernels beside those of other tools: time of a call in a C loop, operations, code, compilation.
+"""Kernels compared with those of other tools: time per call, operations, code, compilation.
 
 Run it with ``python benchmarks/kernels.py [ROW ...] [--rounds N] [--json FILE]``; it prints
-Markdown. Peers take ``pip install casadi heyoka sympy pydy`` and are left out where they are
-missing;
-``--pinocchio FOLDER`` takes what ``robots.py`` takes.
-All parameters stay free. Peers get the same equations, operation by operation, with parameters as
-arguments, and differentiate them by their own means; what depends on parameters only is kept by
-``prepare`` here and computed at each call there. Each row is measured at once, its kernels
-in turn; what they compute is compared, own code with its program evaluated in Python, too.
+Markdown. Other tools need ``pip install casadi heyoka sympy pydy`` and are omitted if they are
+missing. ``--pinocchio FOLDER`` also measures Pinocchio, with the requirements of ``robots.py``.
+
+All parameters can change between calls. Other tools receive the same equations with parameters as
+arguments and differentiate them. In cotree, ``prepare`` computes values that depend only on
+parameters; the other tools compute them at each call. All kernels of a row are called alternately.
+Their results are compared, and those of cotree also with an evaluation of its program in Python.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _AGREE = 1e-9  # rounding of some thousand operations
 
 
 def four_bar() -> Scene:
-    """Draw a four-bar: three moving links, whose lengths and masses are free, and its base."""
+    """Build a four-bar linkage whose lengths and masses are parameters."""
     scene = Scene("four-bar", gravity=[0, "-g", 0])
     scene.parameter("g", 9.81)
     end = "ground"
@@ -68,7 +68,7 @@ FOUR_BAR = ("LA", "LB", "LC", "mA", "mB", "mC", "d")
 
 @dataclass(frozen=True)
 class Row:
-    """A kernel, and the share of the best peer's time that is aimed at."""
+    """A kernel, and the target as a fraction of the best time of other tools."""
 
     name: str
     make: Callable[[], tuple[Scene, Sequence[str]]]
@@ -110,7 +110,7 @@ ROWS = [
 def measure(
     row: Row, rounds: int, folder: Path | None = None, peers: Sequence[str] = CHAIN
 ) -> dict[str, Any]:
-    """Measure a row, beside Pinocchio where there is a folder for its program."""
+    """Measure a row, also with Pinocchio if a folder for its program is specified."""
     models: dict[str, Any] = {}
     contenders: dict[str, Contender] = {}
     for name, native in OWN.items():
@@ -152,7 +152,7 @@ def measure(
 
 
 def _check(row: Row, model: Any, one: Contender, x: Any, s: Any) -> None:
-    """Compare compiled code with its program evaluated in Python, peers or not."""
+    """Compare the compiled code with an evaluation of its program in Python."""
     assert one.call is not None
     one.call(1)
     kernels, native = (
@@ -169,7 +169,7 @@ def _check(row: Row, model: Any, one: Contender, x: Any, s: Any) -> None:
 
 
 def flags(model: Any, native: bool) -> tuple[str, ...]:
-    """Return the flags that the library compiles a model with."""
+    """Return the flags with which cotree compiles a model."""
     toolchain = find_toolchain()
     if toolchain is None:
         raise SystemExit("no C compiler was found: install one")
@@ -194,7 +194,7 @@ def _ns(found: dict[str, Any], key: str = "median ns") -> str:
 
 
 def ratio(result: dict[str, Any]) -> str:
-    """Return the ratio to the time of the best peer, and the name of that peer."""
+    """Return the ratio to the best time of other tools, and the name of that tool."""
     ratios = result["ratios"]
     cells = []
     if ratios:
@@ -207,7 +207,7 @@ def ratio(result: dict[str, Any]) -> str:
 
 
 def report(results: Sequence[dict[str, Any]]) -> str:
-    """Write both tables."""
+    """Print both tables."""
     times, sizes = [], []
     for result in results:
         cells = [
@@ -235,12 +235,12 @@ def report(results: Sequence[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all rows and print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("rows", nargs="*", help="parts of their names; all of them if absent")
+    parser.add_argument("rows", nargs="*", help="parts of the names of rows; default: all rows")
     parser.add_argument("--rounds", type=int, default=31)
-    parser.add_argument("--pinocchio", type=Path, help="a folder to keep its program in")
-    parser.add_argument("--json", type=Path, help="a file for the same numbers")
+    parser.add_argument("--pinocchio", type=Path, help="folder for the program of Pinocchio")
+    parser.add_argument("--json", type=Path, help="also write the numbers to this file")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     versions = about("own: native and portable code as the library compiles it")

@@ -1,8 +1,9 @@
-"""A paper estimate of a million members on a cluster, from what is measured on this machine.
+"""Estimate of the cost of a million members on a cluster, from measurements on this machine.
 
 ``python benchmarks/million.py [--members 20000] [--workers 64] [--page]`` runs members of the
-slider-pendulum with its sensitivity to L, in memory, into a store and in a pool of processes, and
-prints what each costs, and what follows for a million. ``--page`` puts it into the docs.
+slider-pendulum with its sensitivity to L in memory, with a store and in a pool of processes. It
+prints the cost of each and the estimate for a million members. ``--page`` inserts the table into
+the documentation.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _NETWORK = 1.25e9
 
 
 def timed(call: Callable[[], Any], clock: Callable[[], float] = time.perf_counter) -> float:
-    """Time a call, [s]."""
+    """Return the time of a call, [s]."""
     begun = clock()
     call()
     return clock() - begun
@@ -108,7 +109,7 @@ def main() -> None:
 
 
 def writing(plan: Plan, rows: Any, block: Block) -> float:
-    """Time the write of a block into a store."""
+    """Return the time to write a block to a store."""
     members = Members(plan.columns, rows, {"member": np.arange(len(rows))})
     with tempfile.TemporaryDirectory() as folder:
         store = Store(f"{folder}/runs", DatasetSchema(plan, members, {}), lambda: len(rows))
@@ -118,7 +119,7 @@ def writing(plan: Plan, rows: Any, block: Block) -> float:
 
 
 def trip_of(pool: ProcessPoolExecutor, plan: Plan, rows: Any) -> float:
-    """Time a block of one member there and back, less the work of the member."""
+    """Return the time to send a block of one member and receive it, without its computation."""
     n = 200
     ranges = [(i, i + 1) for i in range(n)]
 

@@ -1,9 +1,9 @@
-"""Multibody benchmarks: energy, a spatial arm, growth with length, loops, singular positions.
+"""Multibody benchmarks: energy, a spatial arm, long chains, loops, singular positions.
 
 Run it with ``python benchmarks/multibody.py [energy] [arm] [chain] [loop] [singular] [--full]``; it
-prints Markdown, all tables where none is named. ``--full`` follows the energy over 10 000 periods
-of the fastest mode, which takes some minutes for each scene, in place of 100. Times are of this
-machine and this run; counts are exact.
+prints Markdown, by default all tables. With ``--full``, the energy is computed over 10 000 periods
+of the fastest mode instead of 100, which takes some minutes for each scene. Operation counts are
+exact, but times depend on the machine.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def double_pendulum() -> Scene:
 
 
 def heavy_top() -> Scene:
-    """A top on a ball joint, its spin a few times that at which it would fall over."""
+    """Return a top on a ball joint, whose spin is a few times the minimum for stability."""
     scene = Scene("heavy-top", gravity=[0, 0, -9.81])
     start = {"rotation": [0.3, 0, 0], "w3": 30.0}
     scene.edge("ball", "spherical", "ground", "P", initial=start)
@@ -77,7 +77,7 @@ def heavy_top() -> Scene:
 
 
 def four_bar() -> Scene:
-    """A four-bar linkage hanging from the ground, with a spring across it; it swings."""
+    """Return a four-bar linkage that hangs from the ground and swings on a spring."""
     scene = Scene("four-bar", gravity=[0, -9.81, 0])
     links = (("A", 0.5, 1.0), ("B", 0.8, 1.5), ("C", 0.6, 1.2))
     end = "ground"
@@ -116,7 +116,7 @@ ENERGY: dict[str, tuple[Callable[[], Scene], bool]] = {
 
 
 def fastest_period(model: Model) -> float:
-    """The shortest period of the model linearised about its start."""
+    """Return the shortest period of the model, linearised about its start."""
     return float(2.0 * np.pi / np.abs(np.linalg.eigvals(model.linearize().A).imag).max())
 
 
@@ -151,7 +151,7 @@ def energy_drift(periods: int) -> str:
 
 
 def spatial_arm(n: int = 7) -> tuple[Scene, list[str]]:
-    """Revolutes about alternating axes; every link with ten inertial parameters."""
+    """Return an arm of revolute joints about alternating axes, with all inertial parameters."""
     scene, names, end = Scene(f"arm-{n}", gravity=[0, 0, -9.81]), [], "ground"
     values = (0.01, 0.02, 0.1, 0.1, 0.1, 0.05, 0.001, 0.002, 0.001)
     for i in range(n):
@@ -170,7 +170,7 @@ def spatial_arm(n: int = 7) -> tuple[Scene, list[str]]:
 
 
 def ur5_like() -> Scene:
-    """Six revolutes with the lengths and masses of a UR5, all of them numbers."""
+    """Return an arm of six joints with the lengths and masses of a UR5 as constants."""
     scene = Scene("ur5-like", gravity=[0, 0, -9.81])
     scene.edge("base", "arm", "ground", "S", vector=[0, 0, 0.089159])
     end = "S"
@@ -215,7 +215,7 @@ def arms() -> str:
 
 
 def chain_row(n: int) -> list[object]:
-    """Operations of the accelerations by each way of eliminating, in the cheapest axes."""
+    """Return operations of the accelerations by each elimination, in the cheapest axes."""
     scene, _ = rod_chain(n)
     start = time.process_time()
     _, tried = choose_first_graph(scene, trees_to_try(scene, None), ())
@@ -270,7 +270,7 @@ def loops() -> str:
 
 
 def passage(model: Model, times: Sequence[float], method: str, tolerance: float) -> Result:
-    """Run through singular positions, or into one."""
+    """Simulate a motion through singular positions, or into one."""
     settings = {"method": method, "rtol": tolerance, "atol": tolerance, "max_steps": PATIENCE}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # what they say goes into the table
@@ -280,7 +280,7 @@ def passage(model: Model, times: Sequence[float], method: str, tolerance: float)
 
 
 def told(result: Result, *numbers: float) -> str:
-    """Return numbers of a run that passed, or the time at which it stopped."""
+    """Return the numbers of a completed run, or the time at which it stopped."""
     if not result.success:
         stop = re.search(r"stopped at t = (\S+)", result.message)
         return f"stops at {float(stop[1]):.2f}"

@@ -1,10 +1,10 @@
-"""Network benchmarks: ladders, grids and meshes of growing size, stage by stage.
+"""Network benchmarks: ladders, grids and meshes of increasing size, with the time of each stage.
 
-Run it with ``python benchmarks/networks.py [ladder] [other] [N ...]``; it prints Markdown, all
-tables where none is named. Sizes N are those of the ladder. Every model is compiled anew, in a
-cache folder of its own; a small one runs before, so that imports are not counted. ``total`` is
-the time on the clock from the first edge of the scene to the last output; ``CPU`` is that of this
-process and of the compiler, which other work on the machine does not lengthen.
+Run it with ``python benchmarks/networks.py [ladder] [other] [N ...]``; it prints Markdown, by
+default all tables. N are sizes of the ladder. Every model is compiled in its own cache folder. A
+small model runs first, so that imports are not counted. ``total`` is the elapsed time from the
+first edge of the scene to the last output. ``CPU`` is the processor time of this process and of the
+compiler, which other load does not affect.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ HEAD = (
 
 
 def processor_seconds() -> float:
-    """Time of the processor spent by this process and by those that it has waited for."""
+    """Return the processor time of this process and of its finished children."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(row.ru_utime + row.ru_stime for row in used)
 
 
 def run(make: Callable[[int], Scene], n: int) -> list[object]:
-    """Take one network through all stages."""
+    """Run one network through all stages."""
     used, marks = processor_seconds(), [time.perf_counter()]
     scene = make(n)
     marks.append(time.perf_counter())

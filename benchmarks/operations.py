@@ -1,7 +1,7 @@
-"""Operation counts of the slider-pendulum, and stage times of a chain of rods.
+"""Operation counts of the slider-pendulum, and times of the stages for a chain of rods.
 
-Run it with ``python benchmarks/operations.py [N ...]``; it prints Markdown. Times are of this
-machine and this run; counts are exact.
+Run it with ``python benchmarks/operations.py [N ...]``; it prints Markdown. Operation counts are
+exact, but times depend on the machine.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def slider_pendulum() -> str:
 
 
 def sympy_counts() -> str:
-    """SymPy's `cse` on the paper's equations, written by hand: with parameters folded nowhere."""
+    """Return operation counts of SymPy's ``cse`` for the equations of the paper."""
     import sympy as sp
 
     names = "m1 m2 L r zeta k s0 g s th sd thd sdd thdd s_L th_L sd_L thd_L sdd_L thdd_L"
@@ -64,7 +64,7 @@ def sympy_counts() -> str:
 
 
 def chain_stages(n: int) -> tuple[list[float], int, int]:
-    """CPU seconds of formulation, generation and printing; operations; bytes."""
+    """Return processor times of formulation, generation and printing, operations and bytes."""
     scene, wanted = rod_chain(n)
     marks = [time.process_time()]
     _, equations, _ = formulate(scene, wanted, None)

@@ -13,7 +13,7 @@ _PLAIN = ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "as
 
 
 def apply(op: str, args: list[Any], room: Any) -> Any:
-    """Apply an operation to numbers, or to expressions with the functions of a room."""
+    """Apply an operation to numbers, or to expressions with the functions of a module."""
     if op in ARITHMETIC:
         return ARITHMETIC[op](*args)
     if op == "abs":
@@ -29,7 +29,7 @@ def apply(op: str, args: list[Any], room: Any) -> Any:
 
 
 class Equations:
-    """Rates of all states, residuals in the places of algebraic unknowns, as expressions.
+    """Rates of all states, and residuals for algebraic unknowns, as expressions.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Equations:
         self.rates = [rate for rate, _ in self._convert(program.kernels["rhs"].results, known)]
 
     def _convert(self, roots: Any, known: Any) -> list[tuple[Any, float]]:
-        """Return the expression and the value at the start of each node."""
+        """Return the expression and the initial value of each node."""
         found: dict[Any, Any] = {}
         for node in reachable(roots):
             if node.op == "symbol":
@@ -91,7 +91,7 @@ class Equations:
 
 
 def _solved(n: int, args: list[Any]) -> list[Any]:
-    """Eliminate, with the pivots that are largest at the start."""
+    """Solve by elimination, with the pivots that are largest at the start."""
     rows = [[*args[i * n : (i + 1) * n], args[n * n + i]] for i in range(n)]
     for k in range(n):
         best = max(range(k, n), key=lambda i: abs(rows[i][k][1]))
@@ -115,7 +115,7 @@ def _both(operation: Any, *pairs: Any) -> tuple[Any, float]:
 
 
 def slopes(rates: list[Any], states: list[Any], m: int, time: Any, diff: Any) -> list[Any]:
-    """Rates of algebraic unknowns: g_z z' = -(g_x x' + g_t), by elimination."""
+    """Return rates of algebraic unknowns by elimination: g_z z' = -(g_x x' + g_t)."""
     cut = len(states) - m
     matrix = [[diff(row, z) for z in states[cut:]] for row in rates[cut:]]
     right = []

@@ -1,10 +1,10 @@
-"""Own methods beside other tools on the same systems, side by side in one run.
+"""cotree's methods compared with other tools on the same systems.
 
-Run it with ``python benchmarks/peers.py [ROW ...] [--json FILE] [--repeats N]``; it needs
-``pip install heyoka casadi``, and leaves out what is not there. For each error, the least
-time of all tolerances that reach it: error = max |y - ref| / max(1, max |ref|) over 101 points,
-states and sensitivities. Times are the least of many runs, taken in turn, of the integration alone:
-what compiling and preparing takes is left out for all. They are comparable within a row only.
+Run it with ``python benchmarks/peers.py [ROW ...] [--json FILE] [--repeats N]``. It needs ``pip
+install heyoka casadi`` and omits tools that are missing. For each error, the table lists the
+minimum time over all tolerances that reach it. The error is max |y - ref| / max(1, max |ref|) of
+states and sensitivities at 101 points. Times are minima of many alternating runs and cover only the
+integration, not compilation or preparation. Compare them only within a row.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ TOLERANCES = [10.0 ** (-k / 2) for k in range(6, 27)]
 
 @dataclass(frozen=True)
 class Row:
-    """A system, what its sensitivities are taken to, and what is compared."""
+    """A system, the parameters of its sensitivities, and the tools to measure."""
 
     name: str
     make: Callable[[], Any]
@@ -95,7 +95,7 @@ ROWS = [
 
 
 class Own:
-    """A method of cotree's, or one that it drives."""
+    """A method of cotree, or of SUNDIALS called by cotree."""
 
     def __init__(self, model: Any, initial: dict[str, float], method: str) -> None:
         self.model, self.initial, self.method = model, initial, method
@@ -112,7 +112,7 @@ class Own:
 
 
 class Heyoka:
-    """Taylor's method; sensitivities by variational equations; unknowns by their own rates."""
+    """Taylor's method with variational equations; algebraic unknowns have rates."""
 
     def __init__(self, model: Any, initial: dict[str, float]) -> None:
         import heyoka as hy
@@ -161,7 +161,7 @@ class Heyoka:
 
 
 class Casadi:
-    """CasADi's CVODES or IDAS, with its forward sensitivities."""
+    """CasADi's CVODES or IDAS with forward sensitivities."""
 
     def __init__(self, model: Any, initial: dict[str, float]) -> None:
         import casadi as ca
@@ -231,7 +231,7 @@ def error(y: Any, s: Any, exact: Any) -> float:
 
 
 def tools(row: Row, model: Any) -> dict[str, Any]:
-    """Build the participants; print those that are missing."""
+    """Return the tools; print those that are missing."""
     found: dict[str, Any] = {m: Own(model, row.initial, m) for m in row.methods}
     for name, kind in (("heyoka", Heyoka), ("casadi", Casadi)):
         if name in row.peers:
@@ -282,7 +282,7 @@ def measure(row: Row, repeats: int) -> dict[str, Any]:
 
 
 def _useful(trials: list[Trial], targets: tuple[float, ...]) -> list[Trial]:
-    """Leave out tolerances that cannot be the fastest for a target, but for noise."""
+    """Omit tolerances that cannot be the fastest for a target, except by noise."""
     found = []
     for target in targets:
         for tool in {trial.tool for trial in trials}:
@@ -292,13 +292,13 @@ def _useful(trials: list[Trial], targets: tuple[float, ...]) -> list[Trial]:
 
 
 def cell(best: dict[str, Any], tool: str) -> str:
-    """Write the time, in ms."""
+    """Return a time as text, in ms."""
     return f"{1e3 * best[tool][0]:.3g}" if tool in best else "–"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("rows", nargs="*", help="parts of their names; all of them if absent")
+    parser.add_argument("rows", nargs="*", help="parts of the names of rows; default: all rows")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--repeats", type=int, default=30)
     given = parser.parse_args()

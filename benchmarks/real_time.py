@@ -1,7 +1,7 @@
-"""Accuracy of fixed steps: the slider-pendulum by C projects for real time.
+"""Accuracy of fixed steps: C projects of the slider-pendulum for real time.
 
-``python benchmarks/real_time.py`` prints, for each method and length of steps, how far the end of
-the shipped scene is from that of dop853 at a tolerance of 1e-13, and what a step takes.
+For each method and step size, ``python benchmarks/real_time.py`` prints the error of the final
+position, compared with dop853 at a tolerance of 1e-13, and the time of a step.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _STEPS = (0.01, 0.005, 0.001)  # shares of the span, so that all end at one time
 
 
 def run(model: cotree.Model, method: str, step: float) -> tuple[float, float]:
-    """Return the final j1.s, [m], and the time of a step, [s], of a run a hundred times as long."""
+    """Return the final j1.s, [m], and the time of a step, [s], from a run 100 times as long."""
     with tempfile.TemporaryDirectory() as folder:
         project = model.write(folder, method, step)
         subprocess.run(project.command, shell=True, cwd=folder, check=True)

@@ -1,11 +1,11 @@
-"""The least time to an error, of each method, on stiff, index-1 and constrained references.
+"""Minimum time to an error for each method, on stiff, index-1 and constrained references.
 
 Run it with ``python benchmarks/references.py [NAME ...] [--methods A,B] [--runs N] [--json FILE]
-[--write]``; it prints Markdown, and with ``--write`` puts it into ``docs/engine.md``. Errors are
-those of the values that tests/references has, published or computed by others, as shares of the
-largest of each quantity; with sensitivities, of these, too. Each method runs at tolerances two to
-the decade; of those that reach an error the quickest counts, by the least time of many runs, from
-the first call of C to the last.
+[--write]``; it prints Markdown, and with ``--write`` inserts the table into ``docs/engine.md``.
+Errors are differences from the published or computed values in tests/references, relative to the
+largest value of each quantity. If a reference contains sensitivities, these are compared, too. Each
+method runs at two tolerances per decade. For each error, the fastest run that reaches it counts.
+Its time is the minimum of many runs, from the first call of C to the last.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ ENOUGH, HOPELESS = 2, 5
 
 @dataclass(frozen=True)
 class Case:
-    """A reference, with or without the sensitivities that its file has."""
+    """A reference, with or without its sensitivities."""
 
     name: str
     kind: str
@@ -75,7 +75,7 @@ class Run:
 
 
 def cases(names: Sequence[str]) -> Iterator[Case]:
-    """Compile what is asked for, or all."""
+    """Compile the named references, or all."""
     for name, kind, parameters in (
         ("chem_hires", "stiff", 0),
         ("chem_hires", "stiff", 3),
@@ -114,7 +114,7 @@ def case(name: str, kind: str, parameters: int) -> Case:
 
 
 def error(case: Case, found: Result) -> float:
-    """Return the largest error of a run, as a share of the largest of its quantity."""
+    """Return the largest error of a run, relative to the largest value of each quantity."""
     data = read_reference(case.name)
     tables = {"": data["reference"]}
     tables |= {p: data["sensitivities"]["values"][p] for p in case.sensitivities}
@@ -132,7 +132,7 @@ def error(case: Case, found: Result) -> float:
 
 
 def measure(case: Case, method: str, rtol: float, runs: int) -> Run | None:
-    """Run a method; None where it fails, or another one stands in."""
+    """Run a method; return None if it fails or if a substitute replaces it."""
     times = [row["t"] for row in read_reference(case.name)["reference"]]
 
     def once() -> Result:
@@ -151,7 +151,7 @@ def measure(case: Case, method: str, rtol: float, runs: int) -> Run | None:
 
 
 def sweep(case: Case, method: str, runs: int) -> list[Run]:
-    """Run a method at tolerances, until some have reached every error."""
+    """Run a method at decreasing tolerances until several runs reach every error."""
     found: list[Run] = []
     failures = 0
     for rtol in TOLERANCES:
@@ -172,7 +172,7 @@ def best(runs: Sequence[Run], bound: float) -> Run | None:
 
 
 def entry(run: Run | None, is_least: bool) -> str:
-    """Write a time and the digits that it gave."""
+    """Return a time and the number of correct digits as text."""
     if run is None:
         return "–"
     digits = -np.log10(max(run.error, 1e-16))
@@ -181,7 +181,7 @@ def entry(run: Run | None, is_least: bool) -> str:
 
 
 def rows_of(case: Case, found: dict[str, list[Run]]) -> list[str]:
-    """Write a line for each error."""
+    """Return a row for each error."""
     lines = []
     for bound in ERRORS:
         at = {method: best(runs, bound) for method, runs in found.items()}
@@ -192,7 +192,7 @@ def rows_of(case: Case, found: dict[str, list[Run]]) -> list[str]:
 
 
 def as_data(case: Case, found: dict[str, list[Run]]) -> dict[str, Any]:
-    """Return all measurements for a file."""
+    """Return all measurements as data for JSON."""
     return {
         "reference": case.name,
         "kind": case.kind,

@@ -1,12 +1,14 @@
-"""Robots: from file to compiled kernel, stage by stage, beside Pinocchio and CasADi in one run.
+"""Robots from file to compiled kernel, compared with Pinocchio, CasADi and MuJoCo.
 
 Run it with ``python benchmarks/robots.py [NAME ...] [--seconds S] [--json FILE] [--profile]``; it
-prints Markdown. It needs ``pip install cotree[robots]``; peers are left out where they cannot be
-built: Pinocchio in C++ and CasADi's code of its forward dynamics take ``pip install cmeel-eigen
-casadi`` and g++ (some minutes, once), MuJoCo ``pip install mujoco``. Times of calls are the least
-of many rounds over 64 random states in a loop in C, each in a program of its own, one by one;
-generated code of both kinds is compiled with the same flags: up to 6 000 operations by gcc -O2, gcc
--O3 and clang -O2, beyond by clang -O1 and clang -O2 in 100 s each: for each the fastest counts.
+prints Markdown. It needs ``pip install cotree[robots]``. Pinocchio in C++ and CasADi's code of its
+forward dynamics need ``pip install cmeel-eigen casadi`` and g++ (they are built once, in some
+minutes). MuJoCo needs ``pip install mujoco``. Tools that are missing are omitted.
+
+Times of calls are minima of many rounds over 64 random states in a C loop, in separate programs.
+Generated code of cotree and CasADi is compiled with the same flags: with gcc -O2, gcc -O3 and clang
+-O2 up to 6,000 operations, otherwise with clang -O1 and clang -O2, limited to 100 s each. The
+fastest result counts.
 """
 
 from __future__ import annotations
@@ -95,7 +97,7 @@ int main(int argc, char **argv)
 
 
 def compilers(n_operations: int) -> list[tuple[str, str]]:
-    """Name compilers and levels for code of a size."""
+    """Return the compilers and optimisation levels for code of a size."""
     if not shutil.which("clang"):
         return [("gcc", "-O2" if n_operations <= _MANY else "-O1")]
     if n_operations <= _MANY:
@@ -104,7 +106,7 @@ def compilers(n_operations: int) -> list[tuple[str, str]]:
 
 
 def run(command: list[str], limit: float = _LIMIT) -> tuple[str | None, float]:
-    """Run a command; give what it prints, None if it fails or takes too long, and its seconds."""
+    """Run a command; return its output, or None after a failure or time-out, and its time."""
     began = time.perf_counter()
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=limit, check=False)
@@ -118,9 +120,9 @@ def run(command: list[str], limit: float = _LIMIT) -> tuple[str | None, float]:
 
 
 def timed_loop(folder: Path, source: str, call: dict[str, Any], n_operations: int, seconds: float):
-    """Compile C text with a loop around a call; give ns a call, seconds of compilation, bytes.
+    """Compile a C loop around a call; return ns per call, compilation time and bytes.
 
-    Of several compilers, what comes of the one whose code is the fastest.
+    The results are those of the compiler with the fastest code.
     """
     file = folder / "loop.c"
     file.write_text(source + LOOP % {"rounds": max(1, 20_000 // (n_operations + 1)), **call})
@@ -139,7 +141,7 @@ def timed_loop(folder: Path, source: str, call: dict[str, Any], n_operations: in
 
 
 def own(path: Path, base: str, snap: float, seconds: float, profile: bool) -> dict[str, Any]:
-    """Measure all stages of a robot with its constants folded, then with all of them tunable."""
+    """Measure all stages of a robot, with constant and with tunable parameters."""
     began = time.perf_counter()
     scene = without_losses(cotree.read_urdf(path, base, mimic=False, snap=snap))
     read = time.perf_counter() - began
@@ -202,7 +204,7 @@ def own_call(model: Any, name: str) -> dict[str, Any]:
 
 
 def sections(model: Any) -> dict[str, dict[str, int]]:
-    """Count the operations of each kernel by the step of the formulation that made them."""
+    """Return the operations of each kernel by step of the formulation."""
     from cotree.dag.nodes import reachable
 
     program = model.spec.formed.reports[0].earlier  # passes make most values anew
@@ -222,7 +224,7 @@ def sections(model: Any) -> dict[str, dict[str, int]]:
 
 
 class Peers:
-    """Pinocchio in C++ and CasADi's code of it, built once."""
+    """Pinocchio in C++ and CasADi's code of its algorithm, which are built once."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -313,7 +315,7 @@ class Peers:
 
 
 def through_python(model: Any, calls: int = 2000) -> float:
-    """Time a call of Pinocchio from Python, in ns: with what the crossing costs."""
+    """Return the time of a call of Pinocchio from Python, including the overhead, [ns]."""
     import pinocchio
 
     data = model.createData()
@@ -426,11 +428,15 @@ def versions() -> dict[str, str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(ROBOTS))
-    parser.add_argument("--seconds", type=float, default=1.0, help="of each loop")
-    parser.add_argument("--snap", type=float, default=0.0, help="as read_urdf has it")
+    parser.add_argument("--seconds", type=float, default=1.0, help="time of each loop, in s")
+    parser.add_argument("--snap", type=float, default=0.0, help="argument snap of read_urdf")
     parser.add_argument("--json", type=Path, help="write all numbers to this file")
-    parser.add_argument("--profile", action="store_true", help="where the operations go")
-    parser.add_argument("--peers", type=Path, help="keep what is built of peers in this folder")
+    parser.add_argument(
+        "--profile", action="store_true", help="print the operations by step of the formulation"
+    )
+    parser.add_argument(
+        "--peers", type=Path, help="folder in which the programs of other tools are built"
+    )
     given = parser.parse_args()
     warnings.simplefilter("ignore", RuntimeWarning)  # inertias that no body has
     with tempfile.TemporaryDirectory() as folder:

@@ -1,7 +1,7 @@
-"""Robots by MuJoCo: Pinocchio's model as MJCF, and a loop around ``mj_forward`` in C.
+"""Robots by MuJoCo: Pinocchio's model as MJCF, and a C loop around ``mj_forward``.
 
-Contacts, constraints and sensors are off; what is left is kinematics, composite inertias, the
-factorised mass matrix and the bias forces.
+Contacts, constraints and sensors are disabled. The remaining computations are kinematics, composite
+inertias, the factorised mass matrix and the bias forces.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def _text(values: Any) -> str:
 
 
 def _joint(joint: Any) -> dict[str, str]:
-    """Return type and axis of a joint."""
+    """Return the type and the axis of a joint."""
     name = joint.shortname()
     if name == "JointModelFreeFlyer":
         return {"type": "free"}
@@ -36,7 +36,7 @@ def _joint(joint: Any) -> dict[str, str]:
 
 
 def mjcf(model: Any) -> str:
-    """Write Pinocchio's model for MuJoCo."""
+    """Return Pinocchio's model as MJCF text."""
     import pinocchio
 
     root = xml.Element("mujoco")
@@ -68,7 +68,7 @@ def mjcf(model: Any) -> str:
 
 
 def difference(model: Any, text: str) -> float:
-    """Compare accelerations of joints with Pinocchio's at a random position at rest."""
+    """Compare joint accelerations with Pinocchio's at a random position at rest."""
     import mujoco
     import pinocchio
 
@@ -88,7 +88,7 @@ def difference(model: Any, text: str) -> float:
 
 
 def forward_time(model: Any, folder: Path, seconds: float) -> float | None:
-    """Time a call of forward dynamics, [ns]; None where MuJoCo or a compiler is missing."""
+    """Return the time of the forward dynamics, [ns]; None without MuJoCo or a compiler."""
     try:
         import mujoco
     except ImportError:

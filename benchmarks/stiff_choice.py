@@ -1,13 +1,14 @@
-"""Methods that `auto` takes for stiff systems, and the time of the others.
+"""Methods that `auto` selects for stiff systems, compared with the other methods.
 
-Run it with ``python benchmarks/stiff_choice.py [NAME ...] [--rounds N] [--write]``; it prints
-Markdown, of systems whose names begin so where any is given, and with ``--write`` puts it into
-``docs/engine.md``. Networks of random reactions by the law of mass action have rate constants
-over four decades, from fixed seeds; then ladders, and a reference of chemistry. Each method runs
-at each decade of the tolerance; errors are those of states and sensitivities at 101 points, as a
-share of the largest of each kind, against ``cvode`` at 1e-12. Times are the least of rounds in
-which all take turns, from the first call of C to the last; times to an error are interpolated
-between tolerances.
+Run it with ``python benchmarks/stiff_choice.py [NAME ...] [--rounds N] [--write]``. It prints
+Markdown for the systems whose names begin with NAME, by default for all; with ``--write`` it
+inserts the table into ``docs/engine.md``.
+
+The systems are networks of random mass-action reactions with rate constants over four decades, from
+fixed seeds, then ladders and a chemical reference. Each method runs at one tolerance per decade.
+Errors are those of states and sensitivities at 101 points, relative to the largest value of each
+kind; the reference is ``cvode`` at 1e-12. Times are minima of alternating rounds, from the first
+call of C to the last. Times to an error are interpolated between tolerances.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ NETWORKS = (
 
 
 def network(n: int, per_species: float, n_sensitivities: int, seed: int) -> Model:
-    """Compile random reactions: A to B, A + B to C + D, and A to C where B is a catalyst."""
+    """Compile random reactions: A to B, A + B to C + D, and A to C with the catalyst B."""
     rng, n_reactions = np.random.default_rng(seed), round(per_species * n)
     scene = Scene(f"net{n}-{n_reactions}-s{seed}")
     for i in range(n):
@@ -83,7 +84,7 @@ def network(n: int, per_species: float, n_sensitivities: int, seed: int) -> Mode
 
 
 def systems(names: tuple[str, ...]) -> Iterator[tuple[str, Model, float, float]]:
-    """Return names, models, ends of the run, [s], and the absolute tolerance as a share of rtol."""
+    """Return names, models, end times, [s], and ratios of absolute to relative tolerance."""
     for n, per_species, n_sensitivities, seed in NETWORKS:
         label = f"{n} species, {round(per_species * n)} reactions, {n_sensitivities}"
         if label.startswith(names):
@@ -104,7 +105,7 @@ def error(found: Result, reference: Result) -> float:
 
 
 def least_time(rows: list[tuple[float, float]], wanted: float) -> float:
-    """Interpolate the time to an error; infinite where none reaches it."""
+    """Return the interpolated time to an error; infinite if no tolerance reaches it."""
     errors = np.minimum.accumulate(np.log([max(e, 1e-15) for e, _ in rows]))
     if errors[-1] > np.log(wanted):
         return float("inf")
@@ -113,7 +114,7 @@ def least_time(rows: list[tuple[float, float]], wanted: float) -> float:
 
 
 def measured(model: Model, end: float, share: float, rounds: int) -> dict[str, list[float]]:
-    """Return the least times to the errors, of each method, [ms]."""
+    """Return the minimum times to the errors for each method, [ms]."""
     times = np.linspace(0.0, end, POINTS)
 
     def run(method: str, rtol: float) -> Result:
@@ -130,7 +131,7 @@ def measured(model: Model, end: float, share: float, rounds: int) -> dict[str, l
 
 
 def line_of(label: str, model: Model, end: float, share: float, rounds: int) -> list[str]:
-    """Return a line of the table."""
+    """Return a row of the table."""
     settings = Settings((0.0, end), rtol=1e-6, atol=1e-6 * share)
     problem = prepared(model.kernels, settings).run(None, {}).problem
     estimate = share_of_rodas5(problem)

@@ -1,8 +1,8 @@
-"""Functions of C called in a loop: one harness for own kernels and those of other tools.
+"""C loops that call kernels of cotree and of other tools in the same way.
 
-Every call sees another state, since the first one grows by 1e-9; times are of the thread's
-processor, which other work on the machine does not lengthen. Who is compared is called in turn,
-round by round, so that what disturbs one disturbs all.
+The first state grows by 1e-9 at each call, so that every call has different arguments. Times are
+processor times of the thread, which other load does not affect. Kernels that are compared are
+called alternately in rounds, so that disturbances affect all of them.
 """
 
 from __future__ import annotations
@@ -91,20 +91,20 @@ static double now(void)
 
 @dataclass
 class Contender:
-    """Something that computes a kernel.
+    """A tool that computes a kernel.
 
     Attributes
     ----------
     operations, c_bytes : int or None
-        Of its code; None where it has none to count.
+        Size of its code; None if it cannot be counted.
     generation, compilation : float
-        Processor seconds before there was C, and of its compiler.
+        Processor times to generate and to compile the C code.
     note : str
-        How it was compiled, or why there is nothing to call.
+        Compiler command, or the reason why there is no kernel.
     call : callable or None
-        Calls it so many times, and gives the time of one, [ns].
+        Function that calls the kernel n times and returns the time of one call, [ns].
     value : callable or None
-        Gives what it last computed.
+        Function that returns the last results.
     """
 
     operations: int | None
@@ -142,7 +142,7 @@ def harness() -> tuple[Any, Any]:
 
 
 def compiler() -> str:
-    """Name the C compiler, or stop."""
+    """Return the name of the C compiler; exit if there is none."""
     toolchain = find_toolchain()
     if toolchain is None:
         raise SystemExit("no C compiler was found: install one")
@@ -155,18 +155,18 @@ def pointer(array: Any) -> Any:
 
 
 def loop(kind: str, address: int, first: Any, others: Sequence[Any]) -> Callable[[int], float]:
-    """Bind a loop around a function to its arguments; the first is put back at each start.
+    """Return a loop that calls a function; ``first`` is reset at each start.
 
     Parameters
     ----------
     kind : str
         How it is called: ``state``, ``sensitivity``, ``casadi``, ``heyoka`` or ``plain``.
     address : int
-        Of the function.
+        Address of the function.
     first : ndarray
         The array whose first number grows with the calls.
     others : sequence of ndarray or pointer
-        What follows.
+        Further arguments.
     """
     ffi, library = harness()
     function, start = ffi.cast("void *", address), first.copy()
@@ -182,7 +182,7 @@ def loop(kind: str, address: int, first: Any, others: Sequence[Any]) -> Callable
 
 
 def own(model: Any, kernel: str, x: Any, s: Any) -> Contender:
-    """Take a kernel of a compiled model."""
+    """Return a kernel of a compiled model as a contender."""
     native = model.kernels.native(model.default_parameters)
     ffi = native.library.ffi
     struct = ffi.cast("const cotree_model *", native.address)
@@ -204,7 +204,7 @@ def own(model: Any, kernel: str, x: Any, s: Any) -> Contender:
 
 
 def in_turn(contenders: Sequence[Contender], rounds: int, seconds: float = 0.01) -> None:
-    """Time contenders, each for some seconds a round."""
+    """Time contenders alternately, each for some seconds per round."""
     able = [one for one in contenders if one.call is not None]
     counts = []
     for one in able:
@@ -228,16 +228,16 @@ def difference(one: Contender, other: Contender) -> float:
 def compile_c(
     text: str, levels: Sequence[Sequence[str]], limit: float
 ) -> tuple[Path | None, float, str]:
-    """Compile C text with the first command of several that ends in time.
+    """Compile C text with the first of several commands that ends in time.
 
     Returns
     -------
     library : Path or None
-        None where no command ends.
+        None if no command ends in time.
     seconds : float
-        Of the processor.
+        Processor time.
     note : str
-        The command, or what went wrong.
+        The command, or the reason of the failure.
     """
     folder, note = Path(tempfile.mkdtemp(prefix="peer")), ""
     (folder / "peer.c").write_text(text)
@@ -257,7 +257,7 @@ def compile_c(
 
 
 def within(limit: float, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """Work in a process of its own, stopped after some seconds."""
+    """Run a function in its own process, which is terminated after some seconds."""
     process = multiprocessing.get_context("fork").Process(target=work, args=arguments)
     process.start()
     process.join(limit)
@@ -267,13 +267,13 @@ def within(limit: float, work: Callable[..., None], arguments: tuple[Any, ...]) 
 
 
 def spent_by_children() -> float:
-    """Processor seconds of the processes that this one waited for."""
+    """Return the processor time of the finished child processes."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def about(flags: str) -> dict[str, str]:
-    """Name machine, versions and flags."""
+    """Return the machine, the versions and the flags."""
     found = {
         "machine": platform.machine(),
         "processor": processor_name(),
@@ -291,40 +291,40 @@ def about(flags: str) -> dict[str, str]:
 
 
 def keep(path: Path | None, versions: dict[str, str], rows: Any) -> None:
-    """Write numbers, and what they were measured with, where a file is named."""
+    """Write numbers, machine and versions to a file, if one is named."""
     if path is not None:
         path.write_text(json.dumps({"about": versions, "rows": rows}, indent=1) + "\n")
 
 
 def show(versions: dict[str, str], report: str) -> None:
-    """Print what numbers were measured with, and their table."""
+    """Print the machine and versions, and the table."""
     print("\n".join(f"{key}: {value}" for key, value in versions.items()), end="\n\n")
     print(report)
 
 
 def line(cells: Iterable[object]) -> str:
-    """Write a row of a table in Markdown."""
+    """Return a row of a Markdown table."""
     return f"| {' | '.join(map(str, cells))} |"
 
 
 def heading(names: Sequence[str]) -> str:
-    """Write the first two lines of a table in Markdown."""
+    """Return the first two lines of a Markdown table."""
     return f"{line(names)}\n{line(['---'] * len(names))}"
 
 
 def table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """Write a table in Markdown."""
+    """Return a Markdown table."""
     return "\n".join([heading(head), *map(line, rows)])
 
 
 def surroundings() -> str:
-    """Name versions and machine in a line, for what is printed before tables."""
+    """Return versions and machine in one line, for printing above tables."""
     python = platform.python_version()
     return f"cotree {cotree.__version__}, Python {python}, {platform.machine()}\n"
 
 
 def put_on_page(page: Path, script: str, text: str) -> None:
-    """Put what a script found between its marks on a page of the docs."""
+    """Insert the results of a script between its marks on a page of the documentation."""
     begin, end = (f"<!-- {script}: {side} -->\n" for side in ("begin", "end"))
     before, rest = page.read_text(encoding="utf-8").split(begin)
     after = rest.split(end)[1]

@@ -1,10 +1,10 @@
-"""Speed against error of every method, on the shipped scenes and a few references.
+"""Time against error of every method, on shipped scenes and some references.
 
-Run it with ``python benchmarks/work_precision.py [NAME ...] [--out DIR] [--repeats N]
-[--time-limit S]``. It prints Markdown, one row for each scene: what its reference is good to, and
-the fastest method for errors of 1e-3, 1e-6 and 1e-9. With ``--out`` the numbers of each scene are
-written there as JSON, and its picture as SVG. The code is that of ``cotree bench``. Times are of
-this machine, and comparable within one scene of one run only.
+Run it with ``python benchmarks/work_precision.py [NAME ...] [--out DIR] [--repeats N] [--time-limit
+S]``. It prints a Markdown table with one row for each scene: the accuracy of its reference, and the
+fastest method for errors of 1e-3, 1e-6 and 1e-9. With ``--out``, the numbers of each scene are
+written to this folder as JSON, and a plot as SVG. The measurements are those of ``cotree bench``.
+Compare times only within one scene of one run.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ REFERENCES: dict[str, tuple[Callable[[str], Scene], list[str], float | None]] = 
 
 
 def report_of(name: str, repeats: int, time_limit: float) -> BenchReport:
-    """Bench a shipped scene or a reference."""
+    """Return the report of ``cotree bench`` for a shipped scene or a reference."""
     scene: str | Scene = name
     wanted, end = SHIPPED.get(name, []), None
     if name in REFERENCES:

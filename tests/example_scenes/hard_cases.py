@@ -378,7 +378,7 @@ CASES: dict[str, Case] = {
             0.04 * _SPAN,
             "stiff: a decay rate of 1/(R C) and a source of 50 Hz"
             if farad
-            else "an algebraic unknown in place of a capacitance",
+            else "an algebraic unknown instead of a capacitance",
             "two methods",
         )
         for farad in (1e-9, 1e-12, 1e-15, 0.0)
