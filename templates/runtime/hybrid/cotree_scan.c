@@ -90,8 +90,9 @@ static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
         cotree_real bend = COTREE_F(0.0);
         for (m = k - 1; m <= k; ++m) {
             if (m < 1 || m > SAMPLES - 2) continue;
-            bend = COTREE_FMAX(bend, COTREE_FABS(q[(m - 1) * n + i] - COTREE_F(2.0) * q[m * n + i] +
-                                                 q[(m + 1) * n + i]));
+            bend =
+                cotree_larger(bend, COTREE_FABS(q[(m - 1) * n + i] - COTREE_F(2.0) * q[m * n + i] +
+                                                q[(m + 1) * n + i]));
         }
         BENDS_OF(e, mark)[i] = bend;
     }
@@ -139,13 +140,13 @@ static int list_candidates(cotree_events *e)
                     bend = COTREE_F(0.0);
         for (k = 1; k < SAMPLES; ++k) {
             const cotree_real own = q[k * n + i], step = own - q[(k - 1) * n + i];
-            low = COTREE_FMIN(low, own);
-            high = COTREE_FMAX(high, own);
-            slow = COTREE_FMIN(slow, step);
-            fast = COTREE_FMAX(fast, step);
+            low = cotree_smaller(low, own);
+            high = cotree_larger(high, own);
+            slow = cotree_smaller(slow, step);
+            fast = cotree_larger(fast, step);
             if (k > 1)
-                bend =
-                    COTREE_FMAX(bend, COTREE_FABS(step - q[(k - 1) * n + i] + q[(k - 2) * n + i]));
+                bend = cotree_larger(bend,
+                                     COTREE_FABS(step - q[(k - 1) * n + i] + q[(k - 2) * n + i]));
         }
         cotree_set_bounds(e->box, n, i, low, high, bend);
         cotree_set_rate_bounds(e->box, n, i, slow / width, fast / width, bend / width);
