@@ -13,7 +13,7 @@ from cotree.ensemble.of_model import run_members
 from cotree.files import target_path
 from cotree.methods import METHODS
 from cotree.model.arrays import one_point
-from cotree.model.model import EvaluationPoint
+from cotree.model.bound import BoundModel
 from cotree.model.start import find_start, scene_start
 from cotree.records import changed, filled
 from cotree.report import Report, Reported
@@ -170,11 +170,9 @@ class Model(Reported):
         # Kernels check the guards on parameters at every call.
         return find_start(self._point_at(t, p, u), initial or {})
 
-    def _point_at(self, t: Any, p: Any, u: Any) -> EvaluationPoint:
+    def _point_at(self, t: Any, p: Any, u: Any) -> BoundModel:
         u = None if u is None else one_point(u, self.inputs, "input")
-        return EvaluationPoint(
-            self.kernels, check_number(t, "t"), self.kernels.parameter_array(p), u
-        )
+        return BoundModel(self.kernels, check_number(t, "t"), self.kernels.parameter_array(p), u)
 
     def rhs(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the rates of the states.

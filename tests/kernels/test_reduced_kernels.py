@@ -17,7 +17,7 @@ from test_embedded_algebraic import bridge
 from cotree import Scene, load
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, symbols_in
-from cotree.model.model import EvaluationPoint
+from cotree.model.bound import BoundModel
 from cotree.model.unknowns import of_model
 
 # Some hundred operations: 1e-12 leaves a factor of ten. Where equations are solved, each route may
@@ -113,7 +113,7 @@ def test_a_step_is_newtons_and_one_order_better(name):
     n, m = len(model.states), model.kernels.layout.n_algebraic
     cut = n - m
     t, x, _ = next(points(model))
-    of_model(EvaluationPoint(model.kernels, t, p)).solve(t, x)
+    of_model(BoundModel(model.kernels, t, p)).solve(t, x)
     exact = evaluated(model, "rhs", t, x).real[:cut]
     direction = np.cos(np.arange(m))
     left, rates = [], []

@@ -7,7 +7,7 @@ import pytest
 
 import cotree
 from cotree import Scene
-from cotree.model.model import EvaluationPoint
+from cotree.model.bound import BoundModel
 from cotree.model.start import find_start
 
 pytestmark = pytest.mark.compiler
@@ -107,7 +107,7 @@ def _differences(model, seed, initial):
     """Differentiate the start by a parameter or an initial value; return rounding, too."""
     p = model.default_parameters
     place = model.parameters.index(seed) if seed in model.parameters else None
-    base = find_start(EvaluationPoint(model.kernels, 0.0, p), initial).y
+    base = find_start(BoundModel(model.kernels, 0.0, p), initial).y
     value = base[model.states.index(seed)] if place is None else p[place]
     step = 1e-3 * (abs(value) or 1e-3)
     total = np.zeros(len(base))
@@ -117,14 +117,14 @@ def _differences(model, seed, initial):
             own[seed] = value + way * step
         else:
             moved[place] += way * step
-        total += weight * find_start(EvaluationPoint(model.kernels, 0.0, moved), own).y
+        total += weight * find_start(BoundModel(model.kernels, 0.0, moved), own).y
     # Starts are found to a share of 1e-12 of each state.
     return total / (12 * step), 1e-12 * np.abs(base) / step
 
 
 def _check(model, initial):
     """Compare a start with the equations, and its sensitivities with differences."""
-    at = EvaluationPoint(model.kernels, 0.0, model.default_parameters)
+    at = BoundModel(model.kernels, 0.0, model.default_parameters)
     found, n = find_start(at, initial), model.kernels.layout.n_algebraic
     # Rows of a size of one, to rounding; those of contents are smaller.
     left = model.kernels.rhs(0.0, found.y, at.p)[len(found.y) - n :]
@@ -155,7 +155,7 @@ def _at_rest():
 def test_contents_at_an_operating_point():
     model = _at_rest()
     _check(model, {})
-    at = EvaluationPoint(model.kernels, 0.0, model.default_parameters)
+    at = BoundModel(model.kernels, 0.0, model.default_parameters)
     # Three equal resistors in series divide 3 V.
     found = dict(zip(model.states, find_start(at, {}).y, strict=True))
     assert found["C1.v"] == pytest.approx(2.0, rel=1e-12)
@@ -164,7 +164,7 @@ def test_contents_at_an_operating_point():
 
 def test_a_given_sensitivity_of_a_voltage_is_that_of_the_charge_times_the_capacitance():
     model, slope = _at_rest(), 7.0
-    at = EvaluationPoint(model.kernels, 0.0, model.default_parameters)
+    at = BoundModel(model.kernels, 0.0, model.default_parameters)
     start = find_start(at, {"C1.v": 1.0, "d(C1.v)/d(c)": slope})
     q, v = model.states.index("C1.q"), model.states.index("C1.v")
     law, slope_of_law = np.tanh(1.0) + 0.2, 1.2 - np.tanh(1.0) ** 2
@@ -185,7 +185,7 @@ def test_many_unknowns_are_solved_for_with_sparse_factorisations():
     assert model.kernels.start_in_c.is_sparse
     _check(model, {})
     # A guess from which exponentials overflow is left to the search.
-    at = EvaluationPoint(model.kernels, 0.0, model.default_parameters)
+    at = BoundModel(model.kernels, 0.0, model.default_parameters)
     poor = find_start(at, {name: 60.0 for name in model.states if name.startswith("D")})
     assert np.allclose(poor.y, find_start(at, {}).y, rtol=1e-10)
 

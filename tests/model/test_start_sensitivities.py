@@ -11,7 +11,8 @@ from fast_and_slow import seeds
 
 import cotree
 from cotree import Scene
-from cotree.model.model import EvaluationPoint, states_only
+from cotree.model.bound import BoundModel
+from cotree.model.model import states_only
 from cotree.model.start import find_start
 
 Z = [0, 0, 1]
@@ -103,7 +104,7 @@ def differences(model, name: str, given: dict[str, float]) -> np.ndarray:
     h, value = 1e-5, kernels.parameter_array()[model.parameters.index(name)]
     ends = [
         find_start(
-            EvaluationPoint(kernels, 0.0, kernels.parameter_array({name: value + k * h})),
+            BoundModel(kernels, 0.0, kernels.parameter_array({name: value + k * h})),
             given,
         ).y
         for k in (2, 1, -1, -2)

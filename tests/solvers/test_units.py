@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.solvers import BoundModel
+from cotree.model.bound import BoundModel
 
 UNITS = {"metre": 1.0, "kilogram": 1.0, "second": 1.0}
 BARS = {"crank": 1.0, "coupler": 2.0, "rocker": 2.0}
@@ -38,7 +38,7 @@ BODIES = ["base", *BARS, *(f"m_{bar}" for bar in BARS)]
 
 
 def _values(model, p):
-    projection = BoundModel(model.kernels, p, lambda t: None)
+    projection = BoundModel(model.kernels, 0.0, p)
     start = model.start(p=p)
     return projection, np.concatenate([start.y, start.s.T.ravel()])
 

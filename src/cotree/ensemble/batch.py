@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from cotree.build import LoadedLibrary
-    from cotree.solvers.bound import BoundModel
+    from cotree.model.bound import BoundModel
     from cotree.solvers.job import Job
     from cotree.solvers.problem import Problem
 

@@ -21,13 +21,12 @@ from cotree.codegen.tableaus import FIXED
 from cotree.dag.continuity import jumps_at_time_events
 from cotree.dag.nodes import substitute
 from cotree.errors import CodegenError, SceneError, brief
+from cotree.model.bound import BoundModel
 from cotree.model.loading import load_model
-from cotree.model.model import EvaluationPoint
 from cotree.model.start import Start, scene_start
 from cotree.model.unknowns import content_sizes
 from cotree.naming import c_identifier
 from cotree.pipeline import text_of
-from cotree.solvers.bound import BoundModel
 from cotree.tolerances import RANK, loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ class Evaluated:
         # Factors differ from one only if a state is the sum of the contents of several storages.
         if not self.program.layout.followers or not self.is_possible:
             return []
-        at = EvaluationPoint(self.model, 0.0, self.model.default_parameters)
+        at = BoundModel(self.model, 0.0, self.model.default_parameters)
         sizes = content_sizes(at, start.y)
         return [] if sizes is None else sizes.tolist()
 
@@ -103,7 +102,7 @@ class Evaluated:
             rows = np.reshape(self.initial("gradient"), (len(edges), -1))
             return bool(np.linalg.matrix_rank(rows, RANK * np.max(np.abs(rows))) < len(edges))
         # Runs compute the rank in the same way.
-        held = BoundModel(self.model, self.model.default_parameters, lambda t: None)
+        held = BoundModel(self.model, 0.0, self.model.default_parameters)
         return bool(held.singular(0.0, self.start.z))
 
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.model.arrays import Array
-    from cotree.model.model import EvaluationPoint
+    from cotree.model.bound import BoundModel
 
 
 _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
@@ -217,18 +217,18 @@ class Linearizer:
             turns=self._turns,
         )
 
-    def by_parameters(self, at: EvaluationPoint, y: Array, direction: Direction) -> Array:
+    def by_parameters(self, at: BoundModel, y: Array, direction: Direction) -> Array:
         """Differentiate rates, residuals, outputs, constraints and their rates, in this order."""
         values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
         return self._first.along(values, direction)
 
-    def inputs_by_parameters(self, at: EvaluationPoint, dp: Array) -> Array:
+    def inputs_by_parameters(self, at: BoundModel, dp: Array) -> Array:
         """Return the derivatives of inputs along a change of the parameters, shape (n_inputs,)."""
         none, y = np.zeros(len(self._equations.inputs)), np.zeros(len(self._equations.states))
         values = self._values(at.t, y, at.p, none, self._inputs.symbols)
         return self._inputs.along(values, Direction(y, none, dp))
 
-    def _changed(self, at: EvaluationPoint, y: Array, direction: Direction) -> Slopes:
+    def _changed(self, at: BoundModel, y: Array, direction: Direction) -> Slopes:
         """Differentiate the linearisation along a direction, including the algebraic unknowns."""
         n, whole = self._n_differential, self.whole(at.t, y, at.p, at.inputs)[1]
         if self._equations.n_algebraic:
@@ -285,7 +285,7 @@ class Linearizer:
 
     def about(
         self,
-        at: EvaluationPoint,
+        at: BoundModel,
         y: Array,
         *,
         reduced: bool,
@@ -318,7 +318,7 @@ class Linearizer:
             slopes=slopes,
         )
 
-    def _stays(self, at: EvaluationPoint, y: Array, point: Slopes, here: Reduced) -> bool:
+    def _stays(self, at: BoundModel, y: Array, point: Slopes, here: Reduced) -> bool:
         """Return whether the linear system is constant along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
         # This is the equilibrium of an autonomous system.
@@ -337,7 +337,7 @@ class Linearizer:
         moved = reduce(there, self.states, here.names)
         return is_still(moved, there) and is_same(here, moved)
 
-    def _moved(self, point: Slopes, at: EvaluationPoint, y: Array, step: float) -> Array:
+    def _moved(self, point: Slopes, at: BoundModel, y: Array, step: float) -> Array:
         """Return the states after one step of the classical Runge-Kutta method."""
         kept, u = self._kept, at.inputs
         slopes = [point.rates]
@@ -397,7 +397,7 @@ def _columns(
 
 def linearize(
     linearizer: Linearizer,
-    at: EvaluationPoint,
+    at: BoundModel,
     y: Any = None,
     *,
     reduced: bool = False,
@@ -425,7 +425,7 @@ def linearize(
     return linearizer.about(at, y, reduced=reduced, directions=directions)
 
 
-def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]:
+def _starts_along(at: BoundModel, names: Sequence[str]) -> dict[str, Array]:
     known = at.model.sensitivities
     for name in names:
         if name not in known:
@@ -437,7 +437,7 @@ def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]
     return {name: s[:, known.index(name)] for name in names}
 
 
-def unit_direction(linearizer: Linearizer, at: EvaluationPoint, name: str) -> Direction:
+def unit_direction(linearizer: Linearizer, at: BoundModel, name: str) -> Direction:
     """Return the unit direction of a parameter, input or state, or else raise ParameterError.
 
     Along a parameter, inputs of the scene that depend on it change, too.

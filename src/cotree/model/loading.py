@@ -14,8 +14,9 @@ import numpy as np
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.errors import BuildError, Error
+from cotree.model.bound import BoundModel
 from cotree.model.kernels import Kernels, MissingKernels
-from cotree.model.model import CompiledModel, EvaluationPoint
+from cotree.model.model import CompiledModel
 from cotree.model.start import find_start
 from cotree.quiet import level_of_user
 from cotree.sharing import locked_cached_property
@@ -101,7 +102,7 @@ class OperatingPoint:
             signals = dict(zip(model.inputs, u, strict=True))
             inputs = np.array([signals[name] for name in rest.inputs])
         try:
-            start = find_start(EvaluationPoint(rest, t, own, inputs), {})
+            start = find_start(BoundModel(rest, t, own, inputs), {})
         except Error as error:
             raise type(error)(f"the operating point: {error}") from None
         # The outputs of the network at rest are the model's states, in the same order.

@@ -6,7 +6,7 @@ import hashlib
 import math
 import threading
 from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -524,27 +524,3 @@ class StatesOnly(CompiledModel):
         native = super().native(p)
         # This kernel may exist even if the one with sensitivities was too long to compile.
         return native and changed(native, can_extend=self.traits.can_extend(self.layout))
-
-
-@dataclass(frozen=True, eq=False)
-class EvaluationPoint:
-    """A model with the time, parameters and inputs at which it is evaluated."""
-
-    model: CompiledModel
-    t: float  # time of the evaluation, [s]
-    p: Array  # parameter values
-    u: Array | None = None  # input values; None for the scene's inputs
-
-    @property
-    def inputs(self) -> Array:
-        """The given inputs, or those of the scene, shape (n_inputs,)."""
-        return self.model.input_values(self.t, self.p) if self.u is None else self.u
-
-    def call(self, kernel: str, y: Array, s: Array | None = None) -> Array:
-        """Evaluate a kernel; in its result, sensitivities to each parameter are consecutive."""
-        along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
-        return self.model.bound(kernel, self.p)(self.t, y, along, self.u).copy()
-
-    def event_values(self, y: Array, s: Array | None = None) -> Array:
-        """Evaluate the event functions, without switching functions of laws, shape (n_events,)."""
-        return self.call("events", y, s)[: len(self.model.layout.events)]

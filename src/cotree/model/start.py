@@ -20,14 +20,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import ParameterError, SingularSystemError, SolveError, listed, nearest
+from cotree.model.bound import BoundModel
 from cotree.model.kernels import NO_COMPILER
-from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.model.arrays import Array
+    from cotree.model.model import CompiledModel
 
 
 #: Relative tolerance for the agreement of two initial values, one of which determines the other.
@@ -84,7 +85,7 @@ def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Arra
                 )
 
 
-def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
+def find_start(at: BoundModel, initial: Mapping[str, float]) -> Start:
     """Find initial states and sensitivities; ``initial`` replaces initial values of the scene."""
     model = at.model
     initial, slopes = _apart(initial)
@@ -109,7 +110,7 @@ def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
 
 def scene_start(model: CompiledModel) -> Start:
     """Find the start for the scene's parameter values at t = 0."""
-    return find_start(EvaluationPoint(model, 0.0, model.default_parameters), {})
+    return find_start(BoundModel(model, 0.0, model.default_parameters), {})
 
 
 def check_start(model: CompiledModel) -> None:
@@ -168,7 +169,7 @@ def _check_initial(model: CompiledModel, initial: Mapping[str, float]) -> None:
 
 
 def _given_values(
-    at: EvaluationPoint, initial: Mapping[str, float], slopes: Mapping[str, float]
+    at: BoundModel, initial: Mapping[str, float], slopes: Mapping[str, float]
 ) -> tuple[Array, Array]:
     """Return the initial states and sensitivities before equations are solved.
 

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
     from cotree.build import LoadedLibrary
     from cotree.equations import RedundantRow
-    from cotree.model.model import CompiledModel, EvaluationPoint
+    from cotree.model.bound import BoundModel
+    from cotree.model.model import CompiledModel
     from cotree.program.layout import Layout
 
 
@@ -96,7 +97,7 @@ class StartInC:
         self.function = int(self._ffi.cast("uintptr_t", self._ffi.cast(kind, function)))
 
     def find(
-        self, at: EvaluationPoint, initial: Mapping[str, float], given: Array | None = None
+        self, at: BoundModel, initial: Mapping[str, float], given: Array | None = None
     ) -> Start:
         """Find the start of a run; ``initial`` replaces initial values of the scene.
 
@@ -107,7 +108,7 @@ class StartInC:
         """
         return StartCall(self, at, initial, given).find()
 
-    def gradients(self, at: EvaluationPoint, y: Array) -> tuple[Array, float]:
+    def gradients(self, at: BoundModel, y: Array) -> tuple[Array, float]:
         """Return the constraint gradients with respect to speeds, with unit length per edge.
 
         The second result is the singular value below which the gradients count as dependent.
@@ -123,7 +124,7 @@ class StartInC:
 class UnknownsOfStart(CObjects):
     """Python functions that C calls to find the algebraic unknowns if its iteration fails."""
 
-    def __init__(self, ffi: Any, at: EvaluationPoint) -> None:
+    def __init__(self, ffi: Any, at: BoundModel) -> None:
         super().__init__(ffi)
         self.algebraic, self._n = of_model(at), len(at.model.states)
         self.helper = self.new("cotree_helper *")
@@ -165,7 +166,7 @@ class StartCall(CObjects):
     def __init__(
         self,
         starts: StartInC,
-        at: EvaluationPoint,
+        at: BoundModel,
         initial: Mapping[str, float],
         given: Array | None,
     ) -> None:
@@ -317,7 +318,7 @@ _LEVELS = ("positions", "velocities")
 class Report:
     """Messages on prescribed values, at ``places`` in the run's order, that violate constraints."""
 
-    def __init__(self, at: EvaluationPoint, places: npt.NDArray[np.intc], call: StartCall) -> None:
+    def __init__(self, at: BoundModel, places: npt.NDArray[np.intc], call: StartCall) -> None:
         layout = at.model.layout
         self._model, self._call = at.model, call
         rows = start_tables(layout).rows
@@ -427,7 +428,7 @@ class Report:
 
 
 def contradiction(
-    at: EvaluationPoint, y: Array, s: Array, is_apart: npt.NDArray[np.bool_]
+    at: BoundModel, y: Array, s: Array, is_apart: npt.NDArray[np.bool_]
 ) -> ParameterError:
     """Return the exception for initial values that contradict states or sources.
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from cotree.arguments import check_mapping, check_names
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
+from cotree.model.bound import BoundModel
 from cotree.model.linear import Linear
 from cotree.model.linearize import Direction, Linearizer, unit_direction
-from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.model.roots import Equation, find_near
 from cotree.model.start import find_start
 from cotree.model.unknowns import check_friction, guess_friction, settle_friction, settle_jumps
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from cotree.model.arrays import Array
     from cotree.model.linearization import Linearization
+    from cotree.model.model import CompiledModel
 
 
 class Conditions(NamedTuple):
@@ -49,7 +50,7 @@ class TrimPoint(Reported):
     ----------
     model : cotree.Model
         The model.
-    at : EvaluationPoint
+    at : BoundModel
         Time, parameters and inputs.
     y : ndarray, shape (n_states,)
         States.
@@ -63,7 +64,7 @@ class TrimPoint(Reported):
     """
 
     model: CompiledModel
-    at: EvaluationPoint
+    at: BoundModel
     y: Array
     unknowns: tuple[str, ...]
     undetermined: tuple[tuple[str, ...], ...]
@@ -216,7 +217,7 @@ class _Search:
     """The unknowns and equations of one search for a trim point."""
 
     linearizer: Linearizer
-    at: EvaluationPoint  # model with its parameters and inputs before the search
+    at: BoundModel  # model with its parameters and inputs before the search
     y: Array  # states before the search
     unknowns: tuple[tuple[str, int], ...]  # kind (``y``, ``u`` or ``p``) and index of each unknown
     rows: tuple[int, ...]  # indices of the equations among rates, outputs and constraints
@@ -234,19 +235,19 @@ class _Search:
         known = {"y": self.y, "u": self.at.inputs, "p": self.at.p}
         return np.array([known[kind][i] for kind, i in self.unknowns])
 
-    def point(self, z: Array) -> tuple[EvaluationPoint, Array]:
+    def point(self, z: Array) -> tuple[BoundModel, Array]:
         """Return the evaluation point and states for values of the unknowns."""
         at, y, p = self.at, self.y.copy(), self.at.p.copy()
         for (kind, i), value in zip(self.unknowns, z, strict=True):
             if kind != "u":
                 (y if kind == "y" else p)[i] = value
-        moment = EvaluationPoint(at.model, at.t, p, at.u)
+        moment = BoundModel(at.model, at.t, p, at.u)
         if any(kind == "u" for kind, _ in self.unknowns):
             u = moment.inputs.copy()  # inputs of the scene may depend on unknown parameters
             for (kind, i), value in zip(self.unknowns, z, strict=True):
                 if kind == "u":
                     u[i] = value
-            moment = EvaluationPoint(at.model, at.t, p, u)
+            moment = BoundModel(at.model, at.t, p, u)
         return moment, y
 
     def value(self, z: Array) -> Array:
@@ -280,7 +281,7 @@ class _Search:
         return np.array(columns).reshape(len(z), len(self.names)).T[list(self.rows)]
 
 
-def all_values(at: EvaluationPoint, y: Array) -> Array:
+def all_values(at: BoundModel, y: Array) -> Array:
     """Evaluate rates, outputs, and residuals of constraints and quaternion norms."""
     parts = [at.call("rhs", y)]
     if at.model.outputs:
@@ -290,7 +291,7 @@ def all_values(at: EvaluationPoint, y: Array) -> Array:
     return np.concatenate(parts)
 
 
-def all_slopes(linearizer: Linearizer, at: EvaluationPoint, y: Array) -> tuple[Array, Array]:
+def all_slopes(linearizer: Linearizer, at: BoundModel, y: Array) -> tuple[Array, Array]:
     """Return the derivatives of :func:`all_values` with respect to states and inputs."""
     n, layout = len(y), at.model.layout
     _, whole, held = linearizer.whole(at.t, y, at.p, at.inputs)
@@ -302,7 +303,7 @@ def all_slopes(linearizer: Linearizer, at: EvaluationPoint, y: Array) -> tuple[A
     return np.vstack([whole[:, :n], held, norms]), np.vstack([whole[:, n:], rest])
 
 
-def along(linearizer: Linearizer, at: EvaluationPoint, y: Array, direction: Direction) -> Array:
+def along(linearizer: Linearizer, at: BoundModel, y: Array, direction: Direction) -> Array:
     """Differentiate :func:`all_values` along a direction."""
     found = linearizer.by_parameters(at, y, direction)
     quaternions = [slice(first, first + 4) for first in at.model.layout.quaternions]
@@ -361,7 +362,7 @@ def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
 
 def find_trim(
     linearizer: Linearizer,
-    at: EvaluationPoint,
+    at: BoundModel,
     solve: Sequence[str] | str = (),
     fixed: Any = None,
     rates: Any = None,
@@ -407,7 +408,7 @@ def _is_met(search: _Search, z: Array) -> bool:
 
 
 def _posed(
-    model: CompiledModel, linearizer: Linearizer, at: EvaluationPoint, conditions: Conditions
+    model: CompiledModel, linearizer: Linearizer, at: BoundModel, conditions: Conditions
 ) -> _Search:
     states, inputs, parameters = (list(x) for x in (model.states, model.inputs, model.parameters))
     _check_names(model, conditions)
@@ -419,10 +420,10 @@ def _posed(
     for name in values.keys() & parameters:
         p[parameters.index(name)] = values[name]
     if values.keys() & inputs:
-        u = EvaluationPoint(model, at.t, p, u).inputs.copy()
+        u = BoundModel(model, at.t, p, u).inputs.copy()
         for name in values.keys() & inputs:
             u[inputs.index(name)] = values[name]
-    at = EvaluationPoint(model, at.t, p, u)
+    at = BoundModel(model, at.t, p, u)
     try:
         y = find_start(at, {}).y.copy()
     except Error:  # without a start, keep the scene's initial values
@@ -463,9 +464,7 @@ def _posed(
     return _Search(linearizer, at, y, tuple(unknowns), tuple(rows), np.array(targets), names)
 
 
-def _known_rates(
-    linearizer: Linearizer, at: EvaluationPoint, y: Array, fixed: set[int]
-) -> set[int]:
+def _known_rates(linearizer: Linearizer, at: BoundModel, y: Array, fixed: set[int]) -> set[int]:
     """Return the coordinates whose rates depend only on the fixed states."""
     layout = at.model.layout
     if not any(layout.n_coordinates <= i < layout.n_coordinates + layout.n_speeds for i in fixed):

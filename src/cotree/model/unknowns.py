@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
     from cotree.model.algebraic import Algebraic
     from cotree.model.arrays import Array
-    from cotree.model.model import EvaluationPoint
+    from cotree.model.bound import BoundModel
 
 
-def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
+def content_sizes(at: BoundModel, y: Array) -> Array | None:
     """Return a factor for the absolute tolerance of each state, (n_states,); None if all are one.
 
     For a storage content, the factor is the change of the content per unit of the across or through
@@ -43,7 +43,7 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
     return sizes
 
 
-def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
+def settle_jumps(at: BoundModel, y: Array) -> Array:
     """Return the states after correction of the jump modes that contradict them."""
     rows, settled = at.model.layout.events, y.copy()
     for row, value in zip(rows, at.event_values(y) if rows else (), strict=True):
@@ -53,7 +53,7 @@ def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
     return settled
 
 
-def contradicting_jumps(at: EvaluationPoint) -> SolveError:
+def contradicting_jumps(at: BoundModel) -> SolveError:
     """Return the exception for modes of jumps that contradict the resulting states."""
     model = at.model
     rows = [row for row in model.layout.events if row.is_jump]
@@ -64,7 +64,7 @@ def contradicting_jumps(at: EvaluationPoint) -> SolveError:
     )
 
 
-def solve_states(at: EvaluationPoint, y: Array) -> Array:
+def solve_states(at: BoundModel, y: Array) -> Array:
     """Return the states with algebraic unknowns that satisfy their equations."""
     if at.model.layout.n_algebraic:
         y = y.copy()
@@ -72,7 +72,7 @@ def solve_states(at: EvaluationPoint, y: Array) -> Array:
     return y
 
 
-def of_model(at: EvaluationPoint) -> Algebraic:
+def of_model(at: BoundModel) -> Algebraic:
     """Return the algebraic equations of a model for fixed parameters and inputs."""
     # Imported here, because most models have no algebraic unknowns.
     from cotree.model.algebraic import Algebraic
@@ -106,7 +106,7 @@ _STUCK, _FREE = 0.0, 2.0
 _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
-def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) -> Array:
+def settle_friction(at: BoundModel, y: Array, fixed: Collection[str] = ()) -> Array:
     """Return the states with the friction modes that the forces require, except ``fixed`` ones."""
     settled = y.copy()
     speeds, grips = _speeds(at, y), _values(at, y, ModePart.ENGAGED)
@@ -123,7 +123,7 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
     return settled
 
 
-def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
+def guess_friction(at: BoundModel, y: Array, given: Collection[str]) -> Array:
     """Initialise the modes of dry friction in a guess, and the joint forces on which they depend.
 
     Without the mode, the search would move an edge that sticks, although it is in equilibrium at
@@ -138,7 +138,7 @@ def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Arr
         return y
 
 
-def check_friction(at: EvaluationPoint, y: Array) -> None:
+def check_friction(at: BoundModel, y: Array) -> None:
     """Raise SolveError if modes of dry friction contradict speeds or forces."""
     for place, speed in _speeds(at, y).items():
         edge, mode = at.model.states[place].removesuffix(".mode"), y[place]
@@ -181,7 +181,7 @@ def _still(y: Array) -> float:
     return _CLOSE * max(1.0, float(np.max(np.abs(y), initial=0.0)))
 
 
-def _values(at: EvaluationPoint, y: Array, part: ModePart) -> dict[int, float]:
+def _values(at: BoundModel, y: Array, part: ModePart) -> dict[int, float]:
     """Return the values of one kind of event function by the index of their mode."""
     rows = at.model.layout.events
     if not any(row.part == part for row in rows):
@@ -194,7 +194,7 @@ def _values(at: EvaluationPoint, y: Array, part: ModePart) -> dict[int, float]:
     }
 
 
-def _speeds(at: EvaluationPoint, y: Array) -> dict[int, float]:
+def _speeds(at: BoundModel, y: Array) -> dict[int, float]:
     """Return the relative speed of each dry friction edge by the index of its mode."""
     moving = y.copy()
     for row in at.model.layout.events:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cotree.solvers.bound import BoundModel
+from cotree.model.bound import BoundModel
 from cotree.solvers.problem import Problem, check_problem
 from cotree.solvers.result import Drift, RunRecord, Statistics, Trajectory, UnknownNameError
 from cotree.solvers.select import choose_method, integrate

@@ -95,7 +95,8 @@ def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> 
         return []
     rested, jammed = rest_note(problem.events.event_rows, job.event_records), ""
     if has_failed and z.shape[1]:
-        jammed = problem.events.jammed(float(job.job.t), np.ascontiguousarray(z[:, -1]))
+        end = replace(problem.events, t=float(job.job.t))
+        jammed = end.jammed(np.ascontiguousarray(z[:, -1]))
     return [row for row in (jammed, rested) if row]
 
 

@@ -13,14 +13,14 @@ import numpy as np
 
 from cotree.arguments import check_mapping
 from cotree.errors import ParameterError, SolveError, check_known
+from cotree.model.bound import BoundModel
 from cotree.model.kernels import NO_COMPILER
-from cotree.model.model import CompiledModel, EvaluationPoint, states_only
+from cotree.model.model import CompiledModel, states_only
 from cotree.model.signals import ReplacedInputs, Sampled, read_signals
 from cotree.model.start import find_start
 from cotree.records import filled
 from cotree.scene.expressions import check_positive
 from cotree.scene.settings import Settings, in_python
-from cotree.solvers.bound import BoundModel
 from cotree.solvers.job import Shared
 from cotree.solvers.problem import DENSE_LIMIT, Problem
 
@@ -194,15 +194,14 @@ class Preparation:
             signals, samples = with_samples(model, p, signals, t_span)
         u = _input_function(model, p, signals)
         model.set_parameters(p)
-        at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
-        start, reach = self._found_start(at, initial), None
+        bound, layout = BoundModel(model, t_span[0], p, u), model.layout
+        start, reach = self._found_start(bound, initial), None
         if samples:
             # The first samples depend on the start, and the start on the samples.
             reach = reaching(model, p, samples, u)
             reach(t_span[0], start.z)
-            at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
-            start = find_start(at, initial)
-        bound, layout = BoundModel(model, p, u), model.layout
+            bound = BoundModel(model, t_span[0], p, u)
+            start = find_start(bound, initial)
         values = {
             **vars(self._template),
             "z0": start.z,
@@ -226,7 +225,7 @@ class Preparation:
         if layout.followers:
             from cotree.model.unknowns import content_sizes
 
-            values["sizes"] = content_sizes(at, start.y)
+            values["sizes"] = content_sizes(bound, start.y)
         if self._is_step_free:
             values["max_step"] = model.longest_step(p, self.settings.inputs)
         if self._has_time_events:
@@ -240,9 +239,9 @@ class Preparation:
     def bound(self, p: FloatArray) -> BoundModel | None:
         """Return the model with parameters p if its runs project onto constraints, else None."""
         u = _input_function(self.model, p, self._signals)
-        return BoundModel(self.model, p, u) if self._is_held else None
+        return BoundModel(self.model, self.settings.t_span[0], p, u) if self._is_held else None
 
-    def _found_start(self, at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
+    def _found_start(self, at: BoundModel, initial: Mapping[str, float]) -> Start:
         """Return the start of a run, which is computed only once if it is the same for all runs."""
         if initial or not self._has_constant_start:
             return find_start(at, initial)

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.methods import Method
+    from cotree.model.bound import BoundModel
     from cotree.model.kernels import NativeModel
     from cotree.scene.settings import Settings
-    from cotree.solvers.bound import BoundModel
     from cotree.solvers.job import Shared
     from cotree.solvers.result import FloatArray
 

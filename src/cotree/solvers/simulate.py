@@ -30,9 +30,9 @@ from cotree.solvers.trust import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from cotree.model.bound import BoundModel
     from cotree.model.model import CompiledModel
     from cotree.scene.settings import Settings
-    from cotree.solvers.bound import BoundModel
 
 
 _SWEPT = ("output_values", "output_sensitivities", "input_values")

@@ -232,7 +232,8 @@ def obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
     """Return the reason why no other method can start at a point, or an empty string."""
     if problem.events is None:
         return ""
-    values = np.abs(problem.events.event_values(t, z))
+    point = replace(problem.events, t=t)
+    values = np.abs(point.event_values(*point.parts(z)))
     near = np.flatnonzero(values <= _AT_ZERO * float(np.min(problem.settings.atol)))
     if not near.size:
         return ""

@@ -11,7 +11,7 @@ from reference_scenes import absolute_tree, read_reference, scene_of
 from scipy.integrate import solve_ivp
 
 import cotree
-from cotree.solvers.bound import BoundModel
+from cotree.model.bound import BoundModel
 
 
 def windows(n: int) -> cotree.Scene:
@@ -64,7 +64,7 @@ def test_sensitivities_pass_singular_positions(method: str) -> None:
 def test_links_in_one_line_are_said_to_lose_rank() -> None:
     model = windows(2).compile(optimize="-O0")
     projection, y = (
-        BoundModel(model.kernels, model.default_parameters, lambda t: None),
+        BoundModel(model.kernels, 0.0, model.default_parameters),
         model.start().y,
     )
     assert projection.singular(0.0, y) == ()
@@ -183,7 +183,7 @@ def test_many_loops_side_by_side_are_no_singular_position() -> None:
     scene = windows(10)
     model = scene.compile(tree=absolute_tree(scene), optimize="-O0")
     projection, y = (
-        BoundModel(model.kernels, model.default_parameters, lambda t: None),
+        BoundModel(model.kernels, 0.0, model.default_parameters),
         model.start().y,
     )
     assert projection.singular(0.0, y) == ()
