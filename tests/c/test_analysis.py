@@ -58,12 +58,13 @@ def runtime_sources(folder: str) -> list[Path]:
     return sorted((RUNTIME / folder).glob("*.c"))
 
 
-def tidy(sources: Iterable[Path], flags: Sequence[str]) -> str:
+def tidy(sources: Iterable[Path], flags: Sequence[str], options: Sequence[str] = ()) -> str:
     """Run clang-tidy on each source alone: it takes a ``va_list`` for another one's otherwise."""
     config = f"--config-file={RUNTIME / '.clang-tidy'}"
 
     def found(source: Path) -> str:
-        command = [need("clang-tidy"), "--quiet", config, str(source), "--", "-std=c99", *flags]
+        command = [need("clang-tidy"), "--quiet", config, *options, str(source), "--", "-std=c99"]
+        command += flags
         done = subprocess.run(command, capture_output=True, text=True, cwd=source.parent)
         return done.stdout + done.stderr if done.returncode else ""
 
@@ -77,7 +78,9 @@ def tidy(sources: Iterable[Path], flags: Sequence[str]) -> str:
 def test_clang_tidy_finds_nothing_in_the_runtime(variant: str, folder: str, tmp_path: Path) -> None:
     need("clang-tidy")
     flags = [*runtime_flags(tmp_path), *VARIANTS[variant]]
-    assert not tidy(runtime_sources(folder), flags)
+    # Branches, which the analyser follows, are the same for both number types.
+    own = ["--checks=-clang-analyzer-*"] if variant == "single" else []
+    assert not tidy(runtime_sources(folder), flags, own)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -106,5 +109,6 @@ def test_nothing_is_found_in_the_project_of_a_shipped_scene(name: str, tmp_path:
     ]
     assert own
     assert not tidy(own, [])
-    done = subprocess.run([*CPPCHECK, "."], capture_output=True, text=True, cwd=tmp_path)
+    command = [*CPPCHECK, *(path.name for path in own)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
