@@ -362,7 +362,7 @@ def _disc(spot: int, end: str) -> list[Terminal]:
             presser=f"normal{end}",
             suffix=f"_{name}",
             leader="" if name == names[0] else names[0],
-            follower=names[1] if name == names[0] else "",
+            followers=names[1:] if name == names[0] else (),
         )
 
     return [_sliding(spot, i, end, friction(name)) for i, name in enumerate(names)]

@@ -89,16 +89,21 @@ class Friction:
     #: Friction is disengaged while the stop is open, and also acts in impacts at the stop.
     presser: str = ""
     suffix: str = ""  # suffix of the names of its mode fields
-    #: For the second friction direction on a plane: the port of the first direction. Both have one
-    #: mode, and the magnitude of the resultant force is limited.
+    #: For further friction directions: the port of the first direction. All have one mode, and the
+    #: magnitude of the resultant force is limited.
     leader: str = ""
-    #: For the first friction direction on a plane: the port of the second direction.
-    follower: str = ""
+    #: For the first friction direction: the ports of the others, one on a plane, two in a ball.
+    followers: tuple[str, ...] = ()
 
     @property
     def is_disc(self) -> bool:
-        """Return whether the limit applies to the resultant of the forces in two directions."""
-        return bool(self.leader or self.follower)
+        """Return whether the limit applies to the resultant of the forces in all directions."""
+        return bool(self.leader or self.followers)
+
+    @property
+    def is_struck(self) -> bool:
+        """Return whether an impulse may change the slip."""
+        return bool(self.presser) or self.is_disc
 
     @property
     def mode(self) -> str:

@@ -10,7 +10,7 @@ that end in rest, and tensile forces. C code selects the modes of all edges toge
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -42,7 +42,7 @@ def with_friction(scene: _Scene) -> _Scene:
         for port in scalar_ports(scene).values()
         if port.terminal.friction is not None
         and not port.terminal.friction.presser  # friction of contacts is treated with the stops
-        and "mode" not in port.edge.fields
+        and port.terminal.friction.mode not in port.edge.fields
     ]
     return _with(scene, ports, _friction_modes, _friction_rows, "friction of edge", is_jump=True)
 
@@ -63,7 +63,7 @@ def _with_discs(scene: _Scene) -> _Scene:
     frictional = [
         edge
         for edge in scene.edges.values()
-        if any(terminal.friction and terminal.touch for terminal in edge.component.ports)
+        if any(terminal.friction and terminal.friction.presser for terminal in edge.component.ports)
     ]
     if not frictional or motion_spaces(scene.mechanics).plane:
         return scene
@@ -114,6 +114,8 @@ def _with(
 def _friction_modes(port: Port) -> list[_ModeRow]:
     friction, edge = port.terminal.friction, port.edge.name
     assert friction is not None
+    if friction.is_disc:
+        return _disc_modes(port)
     # The initial mode is the direction of the slip rate. At rest, the engine selects the mode.
     start = f"sign({port.name}.{DOMAINS[port.terminal.domain].across_symbol})"
     if friction.grip is not None:
@@ -127,6 +129,9 @@ def _friction_modes(port: Port) -> list[_ModeRow]:
 def _friction_rows(port: Port) -> list[_EventRow]:
     friction, name, edge = port.terminal.friction, port.name, port.edge.name
     assert friction is not None
+    if friction.is_disc:
+        rows = _disc_rows(port) if friction.followers else []
+        return [(f"{edge} {what}", when, -1, part, own) for what, when, part, own in rows]
     row = DOMAINS[port.terminal.domain]
     speed, force = f"{name}.{row.across_symbol}", f"{name}.{row.through_symbol}"
     mode, side = f"{edge}.mode", f"{edge}.side"
@@ -136,20 +141,20 @@ def _friction_rows(port: Port) -> list[_EventRow]:
         direction, stuck = f"{mode}*(4 - {mode}**2)/3", f"{stuck}*(2 - {mode})/2"
     own = {mode: mode}
     upper = f"{stuck}*({name}.upper - {force})"
-    rows: list[_EventRow] = [
+    found: list[_EventRow] = [
         (f"{edge} stops", f"{direction}*{speed}", -1, ModePart.SLIP, own),
         (f"{edge} slips forwards", upper, -1, ModePart.FORWARD_LIMIT, own),
     ]
     if friction.lower is not None:
         text = f"{stuck}*({force} - {name}.lower)"
-        rows.append((f"{edge} slips backwards", text, -1, ModePart.BACKWARD_LIMIT, own))
+        found.append((f"{edge} slips backwards", text, -1, ModePart.BACKWARD_LIMIT, own))
     if friction.grip is not None:
-        rows.append((f"{edge} engages", f"{name}.grip", 0, ModePart.ENGAGED, own))
+        found.append((f"{edge} engages", f"{name}.grip", 0, ModePart.ENGAGED, own))
     if friction.load is not None:
         # While the edge sticks, no law of sliding applies.
         text = f"{mode}**2*{side}*{name}.load"
-        rows.append((f"{edge} turns its load", text, -1, ModePart.LOAD, {side: side}))
-    return rows
+        found.append((f"{edge} turns its load", text, -1, ModePart.LOAD, {side: side}))
+    return found
 
 
 def _laws(port: Port) -> Stop | Friction | None:
@@ -167,28 +172,22 @@ def _holder(port: Port, of: str = "") -> str:
 def _stop_modes(port: Port) -> list[_ModeRow]:
     laws, holder = _laws(port), _holder(port)
     assert laws is not None
+    if port.terminal.friction is not None and port.terminal.friction.is_disc:
+        return _disc_modes(port)
     # Stops are open at first, and friction is disengaged, since it has no normal force.
     is_stop = port.kind is Kind.STOP
     start = "0" if is_stop else "2"
     doc = "of the last impact" if is_stop else "asked for in an impact"
-    rows = [
+    return [
         (f"mode{laws.suffix}", "which of its laws holds", f"{holder}.mode", start),
         (f"impulse{laws.suffix}", doc, f"{holder}.impulse", "0"),
     ]
-    friction = port.terminal.friction
-    if friction is not None and friction.is_disc:
-        doc = "component of the direction of sliding, when it was last set"
-        start = "0" if friction.leader else "1"
-        rows.append((f"direction{laws.suffix}", doc, f"{holder}.direction", start))
-        if friction.leader:
-            rows = rows[1:]  # the mode belongs to the first slip direction
-    return rows
 
 
 def _stop_rows(port: Port) -> list[_EventRow]:
     friction = port.terminal.friction
     if friction is not None and friction.is_disc:
-        rows = _disc_rows(port) if friction.follower else []
+        rows = _disc_rows(port) if friction.followers else []
     else:
         rows = _limit_rows(port) if port.kind is Kind.STOP else _pressed_rows(port)
     return [(f"{_holder(port)} {what}", when, -1, part, own) for what, when, part, own in rows]
@@ -248,52 +247,85 @@ def _pressed_rows(port: Port) -> list[_Row]:
 #: Square of the tangent of the largest angle between slip and sliding direction.
 _WIDEST = 3
 
-#: Speed below which the sliding direction remains that at the beginning of sliding, [m/s].
+#: Speed below which the sliding direction remains that at the beginning of sliding, [m/s, rad/s].
 _SLOWEST = "1e-7"
 
-#: Slip rate at which the sliding direction is set for the last time before slip ends, [m/s].
+#: Slip rate at which the sliding direction is set for the last time before slip ends, [m/s, rad/s].
 _SLOW = "1e-3"
 
-#: Added to squares under roots, whose slope is infinite at zero, [N^2] and [m^2/s^2].
+#: Added to squares under roots, whose slope is infinite at zero.
 _TINY = "1e-30"
 
 _WAY = "component of the direction of the slip"
+_DIRECTION = "component of the direction of sliding, when it was last set"
 
 
 @dataclass(frozen=True)
 class _Disc:
-    holders: tuple[str, str]  # names of both slip directions in their modes
-    slip: tuple[str, str]
-    force: tuple[str, str]
+    """Friction whose force is limited by a disc on a plane, or by a ball in a ball joint."""
+
+    owner: str  # prefix of the names of its mode and events
+    holders: tuple[str, ...]  # names of all slip directions in their modes
+    slip: tuple[str, ...]
+    force: tuple[str, ...]
 
     @classmethod
     def of(cls, port: Port) -> _Disc:
         """Return the expressions for a disc, given the port of its first slip direction."""
         friction, row = port.terminal.friction, DOMAINS[port.terminal.domain]
         assert friction is not None
-        ports = port.name, port.sibling(friction.follower)
+        ports = (port.name, *map(port.sibling, friction.followers))
         return cls(
-            (_holder(port), _holder(port, friction.follower)),
-            (f"{ports[0]}.{row.across_symbol}", f"{ports[1]}.{row.across_symbol}"),
-            (f"{ports[0]}.{row.through_symbol}", f"{ports[1]}.{row.through_symbol}"),
+            _holder(port) if friction.presser else port.edge.name,
+            (_holder(port), *(_holder(port, name) for name in friction.followers)),
+            tuple(f"{name}.{row.across_symbol}" for name in ports),
+            tuple(f"{name}.{row.through_symbol}" for name in ports),
         )
 
     @property
-    def directions(self) -> tuple[str, str]:
+    def directions(self) -> tuple[str, ...]:
         """Modes that contain the direction in which sliding began, or to which it last turned."""
-        return f"{self.holders[0]}.direction", f"{self.holders[1]}.direction"
+        return tuple(f"{holder}.direction" for holder in self.holders)
 
     @property
     def along(self) -> str:
         """The slip rate along the sliding direction."""
-        (v1, v2), (d1, d2) = self.slip, self.directions
-        return f"({v1}*{d1} + {v2}*{d2})"
+        return _sum(f"{v}*{d}" for v, d in zip(self.slip, self.directions, strict=True))
 
     @property
-    def across_slip(self) -> str:
-        """The slip rate perpendicular to the sliding direction."""
-        (v1, v2), (d1, d2) = self.slip, self.directions
-        return f"({v2}*{d1} - {v1}*{d2})"
+    def across(self) -> tuple[str, ...]:
+        """The components of the slip perpendicular to the sliding direction."""
+        if len(self.slip) == 2:
+            (v1, v2), (d1, d2) = self.slip, self.directions
+            return (f"({v2}*{d1} - {v1}*{d2})",)
+        along, pairs = self.along, zip(self.slip, self.directions, strict=True)
+        return tuple(f"({v} - {along}*{d})" for v, d in pairs)
+
+
+def _sum(terms: Iterable[str]) -> str:
+    return f"({' + '.join(terms)})"
+
+
+def _length(parts: Iterable[str]) -> str:
+    return f"sqrt({' + '.join(f'{part}**2' for part in parts)} + {_TINY}**2)"
+
+
+def _disc_modes(port: Port) -> list[_ModeRow]:
+    friction, holder = port.terminal.friction, _holder(port)
+    assert friction is not None
+    way = "0" if friction.leader else "1"
+    rows = [
+        (f"impulse{friction.suffix}", "asked for in an impact", f"{holder}.impulse", "0"),
+        (f"direction{friction.suffix}", _DIRECTION, f"{holder}.direction", way),
+    ]
+    if friction.leader:
+        return rows  # the mode belongs to the first slip direction
+    # Friction at a contact is disengaged at first, since it has no normal force.
+    start = "2" if friction.presser else "0"
+    return [
+        (friction.mode, "which of its laws holds", f"{_Disc.of(port).owner}.mode", start),
+        *rows,
+    ]
 
 
 def _ways(port: Port) -> dict[str, str]:
@@ -302,51 +334,71 @@ def _ways(port: Port) -> dict[str, str]:
     The tangent is equal on both sides of rest, so that the law is smooth through rest.
     """
     friction = port.terminal.friction
-    if friction is None or not friction.follower:
+    if friction is None or not friction.followers:
         return {}
     disc = _Disc.of(port)
-    d1, d2 = disc.directions
-    tangent = f"({disc.across_slip}*{disc.along}/({disc.along}**2 + {_SLOWEST}**2))"
-    length = f"sqrt(1 + {tangent}**2)"
-    return {
-        f"way{friction.suffix}": f"({d1} - {tangent}*{d2})/{length}",
-        f"way_{friction.follower}": f"({d2} + {tangent}*{d1})/{length}",
-    }
+    share = f"{disc.along}/({disc.along}**2 + {_SLOWEST}**2)"
+    tangents = [f"({part}*{share})" for part in disc.across]
+    length = f"sqrt(1 + {' + '.join(f'{tangent}**2' for tangent in tangents)})"
+    if len(tangents) == 1:
+        (d1, d2), (tangent,) = disc.directions, tangents
+        turned = [f"({d1} - {tangent}*{d2})", f"({d2} + {tangent}*{d1})"]
+    else:
+        turned = [f"({d} + {t})" for d, t in zip(disc.directions, tangents, strict=True)]
+    names = (friction.suffix, *(f"_{name}" for name in friction.followers))
+    return {f"way{name}": f"{way}/{length}" for name, way in zip(names, turned, strict=True)}
 
 
 def _disc_rows(port: Port) -> list[_Row]:
     friction = port.terminal.friction
     assert friction is not None
     disc = _Disc.of(port)
-    mode, presser = f"{disc.holders[0]}.mode", f"{_holder(port, friction.presser)}.mode"
-    (f1, f2), along = disc.force, disc.along
+    mode, along = f"{disc.owner}.mode", disc.along
     slides = f"{mode}*(4 - {mode}**2)*(9 - {mode}**2)/24"
     is_sliding = f"{mode}**2*(4 - {mode}**2)*(9 - {mode}**2)/24"
     stuck = f"(1 - {mode}**2)*(2 - {mode})*(3 - {mode})/6"
     struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
-    force, speed = (f"sqrt({a}**2 + {b}**2 + {_TINY}**2)" for a, b in (disc.force, disc.slip))
+    force, speed = _length(disc.force), _length(disc.slip)
     limit = f"{port.name}.upper"
-    # This is one during an impact of the stop, in which the stop's mode is doubled.
-    hit = f"{presser}**2*({presser}**2 - 1)/12"
-    # The second target identifies the stop that provides the normal force.
-    own = {mode: mode, presser: presser}
     # Slip direction or, while friction sticks, the direction in which sliding would begin.
     directions = {
         d: f"{is_sliding}*{v}/{speed} + {stuck}*{f}/{force}"
         for d, v, f in zip(disc.directions, disc.slip, disc.force, strict=True)
     }
-    first, second = (
+    changes = [
         {f"{holder}.impulse": f"-{v}"} for holder, v in zip(disc.holders, disc.slip, strict=True)
-    )
-    turned = f"({_WIDEST}*{along}**2 - {disc.across_slip}**2 + {_SLOWEST}**2)"
-    turns = f"{slides}*{turned}/({along}**2 + {disc.across_slip}**2 + {_SLOWEST}**2)"
-    slips = f"{stuck}*({limit} - {force}) + {struck}*{limit}"
-    return [
-        ("stops", f"{slides}*{along}", ModePart.SLIP, own | first),
-        ("slips", slips, ModePart.FORWARD_LIMIT, own | second),
-        ("turns", turns, ModePart.TURN, own | directions),
+    ]
+    across = " + ".join(f"{part}**2" for part in disc.across)
+    turned = f"({_WIDEST}*{along}**2 - ({across}) + {_SLOWEST}**2)"
+    turns = f"{slides}*{turned}/({along}**2 + {across} + {_SLOWEST}**2)"
+    own, pressed = {mode: mode}, []
+    if friction.presser:
+        # The second target identifies the stop that provides the normal force.
+        presser = f"{_holder(port, friction.presser)}.mode"
+        own[presser] = presser
+        # This is one during an impact of the stop, in which the stop's mode is doubled.
+        hit = f"{presser}**2*({presser}**2 - 1)/12"
+        parts = ModePart.FIRST_IMPULSE, ModePart.SECOND_IMPULSE
+        pressed = [
+            (f"has an impulse along slide{i}", f"{hit}*{f}", part, own)
+            for i, (f, part) in enumerate(zip(disc.force, parts, strict=True), start=1)
+        ]
+    # The last targets of three events are the components of the slip. In a ball joint, the first
+    # one also takes the place of a stop.
+    turn = own | directions if friction.presser else own | changes[0] | directions | changes[2]
+    rows: list[_Row] = [
+        ("stops", f"{slides}*{along}", ModePart.SLIP, own | changes[0]),
+        (
+            "slips",
+            f"{stuck}*({limit} - {force}) + {struck}*{limit}",
+            ModePart.FORWARD_LIMIT,
+            own | changes[1],
+        ),
+        ("turns", turns, ModePart.TURN, turn),
         # This sets the direction before slip ends; afterwards it hardly changes.
         ("slows", f"{slides}*({speed} - {_SLOW})", ModePart.NONE, directions),
-        ("has an impulse along slide1", f"{hit}*{f1}", ModePart.FIRST_IMPULSE, own),
-        ("has an impulse along slide2", f"{hit}*{f2}", ModePart.SECOND_IMPULSE, own),
+        *pressed,
     ]
+    if friction.grip is not None:
+        rows.append(("engages", f"{port.name}.grip", ModePart.ENGAGED, own))
+    return rows

@@ -111,7 +111,7 @@ static cotree_real find_excess(const cotree_events *e, const cotree_row *row, co
 /* Return the slip rate after an impact in the direction in which friction slides. */
 static cotree_real slip_along(const cotree_events *e, const cotree_row *row)
 {
-    cotree_real slip[2];
+    cotree_real slip[COTREE_COMPONENTS];
     cotree_find_slip(e, row, slip);
     return cotree_is_disc(row) ? slip[0] * row->direction[0] + slip[1] * row->direction[1]
                                : row->mode * slip[0];
@@ -305,7 +305,7 @@ static void save_modes(cotree_events *e)
     cotree_row *row;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         row->saved_mode = row->mode;
-        cotree_copy(2, row->direction, row->saved_direction);
+        cotree_copy(COTREE_COMPONENTS, row->direction, row->saved_direction);
     }
 }
 
@@ -314,7 +314,7 @@ static void restore_modes(cotree_events *e)
     cotree_row *row;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         row->mode = row->saved_mode;
-        cotree_copy(2, row->saved_direction, row->direction);
+        cotree_copy(COTREE_COMPONENTS, row->saved_direction, row->direction);
     }
 }
 

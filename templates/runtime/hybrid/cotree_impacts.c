@@ -18,7 +18,7 @@
 #define KERNEL_STRUCK COTREE_F(2.0)
 #define KERNEL_STICKS COTREE_F(3.0)
 
-/* On planes in space, friction in mode -1 slides in the stored direction. */
+/* In space, friction in mode -1 slides in the stored direction. */
 #define KERNEL_SLIDES (-COTREE_F(1.0))
 
 /* Return whether a closed stop takes part in the impact. */
@@ -32,6 +32,7 @@ static int takes_part(const cotree_row *stop)
 static void prepare_impulse(cotree_events *e)
 {
     cotree_row *row;
+    int c;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         const int is_stop = row->type == COTREE_ROW_STOP, is_disc = cotree_is_disc(row);
         const int holds = row->type != COTREE_ROW_LOAD && cotree_is_holding(row);
@@ -39,8 +40,8 @@ static void prepare_impulse(cotree_events *e)
         /* Other sticking friction has a finite force, and hence no impulse. */
         if (!is_stop && holds) row->kernel_mode = row->stop != NULL ? KERNEL_STICKS : COTREE_F(1.0);
         if (is_disc && row->mode == COTREE_F(1.0)) row->kernel_mode = KERNEL_SLIDES;
-        row->struck_events[0] = !holds ? -1 : is_stop ? row->restitution_event : row->event;
-        row->struck_events[1] = holds && is_disc ? row->limits[0] : -1;
+        for (c = 0; c < COTREE_COMPONENTS; ++c) row->struck_events[c] = holds ? row->slips[c] : -1;
+        if (is_stop && holds) row->struck_events[0] = row->restitution_event;
     }
 }
 
@@ -67,7 +68,7 @@ static cotree_real impulse_of(const cotree_events *e, const cotree_row *stop)
 /* Return the work of friction at a contact in the impact. */
 static cotree_real friction_work(const cotree_events *e, const cotree_row *row)
 {
-    cotree_real impulse[2], after[2];
+    cotree_real impulse[2], after[COTREE_COMPONENTS];
     if (impulse_of(e, row->stop) == COTREE_F(0.0)) return COTREE_F(0.0);
     cotree_find_slip(e, row, after);
     if (cotree_is_disc(row)) {
@@ -253,20 +254,18 @@ static int apply_impulse(cotree_events *e, int is_residual, cotree_real t, cotre
 }
 
 #if COTREE_HAS_DISCS
-/* By an impulse, remove the slip that remains when sliding on a plane in space ends. At very low
- * speeds the direction of the slip is not resolved, and its two components do not vanish
- * together. */
+/* By an impulse, remove the slip that remains when sliding in space ends. At very low speeds the
+ * direction of the slip is not resolved, and its components do not vanish together. */
 int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
 {
     cotree_row *row;
-    int is_needed = 0;
+    int c, is_needed = 0;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         const int is_own = cotree_is_disc(row) && row->mode == COTREE_F(0.0) &&
                            w[row->mode_state] == COTREE_F(1.0);
         /* Closed stops stay closed; all other speeds across sticking edges remain constant. */
         row->kernel_mode = is_own ? KERNEL_STICKS : row->mode;
-        row->struck_events[0] = is_own ? row->event : -1;
-        row->struck_events[1] = is_own ? row->limits[0] : -1;
+        for (c = 0; c < COTREE_COMPONENTS; ++c) row->struck_events[c] = is_own ? row->slips[c] : -1;
         is_needed = is_needed || is_own;
     }
     return is_needed ? apply_impulse(e, 1, t, w) : 0;

@@ -21,7 +21,7 @@ static void set_required_changes(cotree_jumps *j, const cotree_row *rows, int n_
     const int n_values = N_EVENTS + N_JUMPS;
     int c, i, n;
     for (i = 0; i < n_rows; ++i) {
-        for (c = 0; c < 2 && rows[i].speed_states[c] >= 0; ++c) {
+        for (c = 0; c < COTREE_COMPONENTS && rows[i].speed_states[c] >= 0; ++c) {
             const int event = is_struck ? rows[i].struck_events[c] : -1;
             const int at = event < 0 ? -1 : speed_change_place(j, event);
             cotree_real *own = z + rows[i].speed_states[c];
@@ -70,7 +70,7 @@ static void restore_modes(const cotree_row *rows, int n_rows, const cotree_real 
     int c, i;
     for (i = 0; i < n_rows; ++i) {
         z[rows[i].mode_state] = from[rows[i].mode_state];
-        for (c = 0; c < 2 && rows[i].direction_states[c] >= 0; ++c)
+        for (c = 0; c < COTREE_COMPONENTS && rows[i].direction_states[c] >= 0; ++c)
             z[rows[i].direction_states[c]] = from[rows[i].direction_states[c]];
     }
 }
@@ -99,7 +99,7 @@ static int compute_impact(cotree_jumps *j, const cotree_row *rows, int n_rows, i
         for (i = 0; i < n_rows; ++i) {
             const cotree_row *const row = rows + i;
             const int has_impulse = row->type == COTREE_ROW_STOP && row->struck_events[0] >= 0;
-            for (c = 0; c < 2 && row->speed_states[c] >= 0; ++c) {
+            for (c = 0; c < COTREE_COMPONENTS && row->speed_states[c] >= 0; ++c) {
                 const int at = row->speed_states[c];
                 /* Unlike these forces, impulses are not multiplied by the sign of the side. */
                 own[at] = has_impulse ? forces[n * N_EVENTS + row->limits[0]] : COTREE_F(0.0);

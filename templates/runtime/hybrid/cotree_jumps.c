@@ -9,12 +9,14 @@ int cotree_is_contact_slip(const cotree_event *event)
     return event->kind == COTREE_FRICTION_SLIP && event->n_targets > 2;
 }
 
-/* Return whether a model has rigid stops, and hence impacts. */
+/* Return whether a model has rigid stops, and hence impacts, or ball joints with friction, in which
+ * an impulse removes the slip that remains when sliding ends. */
 static int has_impacts(const cotree_hybrid *h)
 {
     int i;
     for (i = 0; i < h->n_events; ++i) {
-        if (h->events[i].kind == COTREE_STOP_REBOUND) return 1;
+        const int kind = h->events[i].kind;
+        if (kind == COTREE_STOP_REBOUND || kind == COTREE_FRICTION_TURN) return 1;
     }
     return 0;
 }
@@ -336,7 +338,7 @@ void cotree_rows_store(const cotree_row *rows, int n_rows, int is_impact, cotree
     int c, i;
     for (i = 0; i < n_rows; ++i) {
         x[rows[i].mode_state] = is_impact ? rows[i].kernel_mode : rows[i].mode;
-        for (c = 0; c < 2 && rows[i].direction_states[c] >= 0; ++c)
+        for (c = 0; c < COTREE_COMPONENTS && rows[i].direction_states[c] >= 0; ++c)
             x[rows[i].direction_states[c]] = rows[i].direction[c];
     }
 }

@@ -14,8 +14,8 @@
  * without effect. */
 #define ZERO_LEVEL_GROWTH COTREE_F(10.0)
 
-/* Slips below this speed, [m/s], end together with another slip: it is ten times the speed below
- * which the direction of sliding on a plane is not resolved. */
+/* Slips below this speed, [m/s] or [rad/s], end together with another slip: it is ten times the
+ * speed below which the direction of sliding in space is not resolved. */
 #define UNRESOLVED_SLIP COTREE_F(1e-6)
 
 /* Evaluate the event functions and their rates in the modes of the trial. */
@@ -84,6 +84,9 @@ static int find_slip(cotree_events *e, cotree_row *row, cotree_real t, const cot
         near = COTREE_FMAX(near, cotree_tolerance(e, i));
     /* All contacts of one body stop slipping together. */
     if (is_end && is_disc) near = COTREE_FMAX(near, UNRESOLVED_SLIP);
+    /* The direction of a slip below the tolerance is numerical noise. */
+    if (is_disc && fired >= 0 && fired == row->direction_event && e->run->n_blocks == 1)
+        near = COTREE_FMAX(near, cotree_tolerance(e, i));
     if (mode == COTREE_F(0.0) && row->stop != NULL)
         near = COTREE_FMAX(near, cotree_gap_rate_error(e));
     row->is_active = i == fired || e->is_stepped_over[i] || COTREE_FABS(v) <= near;
@@ -185,7 +188,7 @@ static void update_zero_levels(cotree_events *e, cotree_row *row, cotree_real t,
 static int is_changed(const cotree_row *row, const cotree_real *w)
 {
     int c, is_turned = 0;
-    for (c = 0; c < 2 && row->direction_states[c] >= 0; ++c)
+    for (c = 0; c < COTREE_COMPONENTS && row->direction_states[c] >= 0; ++c)
         is_turned = is_turned || row->direction[c] != w[row->direction_states[c]];
     return is_turned || row->mode != w[row->mode_state];
 }
@@ -195,11 +198,11 @@ static int is_changed(const cotree_row *row, const cotree_real *w)
 int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     cotree_row *row;
-    int c, status, has_changed = 0, has_switched = 0;
+    int c, status, has_changed = 0, has_switched = 0, stopped = -1;
     if (e->n_rows == 0) return 0;
     cotree_copy(e->run->n_full, e->jumps.before, e->saved_before);
     for (row = e->rows; row < END_OF_ROWS; ++row) {
-        for (c = 0; c < 2 && row->direction_states[c] >= 0; ++c)
+        for (c = 0; c < COTREE_COMPONENTS && row->direction_states[c] >= 0; ++c)
             row->direction[c] = w[row->direction_states[c]];
     }
     e->force_noise = COTREE_F(0.0);
@@ -214,12 +217,19 @@ int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fi
         update_zero_levels(e, row, t, fired);
         has_switched = has_switched || row->mode != w[row->mode_state];
         has_changed = has_changed || is_changed(row, w);
+        if (cotree_is_disc(row) && fired == row->direction_event && row->mode == COTREE_F(0.0))
+            stopped = row->event;
     }
     if (has_switched) e->is_mode_changed = 1;
     if (has_changed) status = cotree_jumps_set_modes(&e->jumps, e->rows, e->n_rows, t, w);
     if (e->n_stops > 0 ? fired >= 0 : has_switched)
         cotree_copy(e->run->n_full, e->saved_before, e->jumps.before);
     if (status == 0) cotree_record_impacts(e, t, fired);
+    if (status == 0 && stopped >= 0) {
+        /* The direction of a slip below the tolerance has turned: the slip ends, too. */
+        e->has_fired[stopped] = 1;
+        cotree_write_record(e, stopped, t);
+    }
     return status == 0 ? 0 : cotree_fail(e, e->rows->event, t, COTREE_EVENTS_FAILED);
 }
 

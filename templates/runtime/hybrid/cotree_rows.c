@@ -32,14 +32,15 @@ static int list_rows(const cotree_hybrid *h, cotree_row_type type, cotree_row *r
             static const cotree_row none = {.limits = {-1, -1},
                                             .engaged = -1,
                                             .gaps = {-1, -1},
+                                            .slips = {-1, -1, -1},
                                             .impulses = {-1, -1},
-                                            .direction_states = {-1, -1},
-                                            .speed_states = {-1, -1},
+                                            .direction_states = {-1, -1, -1},
+                                            .speed_states = {-1, -1, -1},
                                             .slide_start = -COTREE_INFINITY,
-                                            .struck_events = {-1, -1}};
+                                            .struck_events = {-1, -1, -1}};
             rows[n] = none;
             rows[n].type = type;
-            rows[n].event = i;
+            rows[n].event = rows[n].slips[0] = i;
             rows[n].mode_state = event->targets[0];
             if (type == COTREE_ROW_STOP) rows[n].speed_states[0] = event->targets[1];
         }
@@ -51,6 +52,7 @@ static int list_rows(const cotree_hybrid *h, cotree_row_type type, cotree_row *r
 /* Set the index of an event in the row to which it belongs. */
 static void attach_event(cotree_row *row, const cotree_event *event, int i)
 {
+    int c;
     switch (event->kind) {
     case COTREE_FRICTION_FORWARD:
     case COTREE_STOP_FORCE:
@@ -63,8 +65,9 @@ static void attach_event(cotree_row *row, const cotree_event *event, int i)
         row->engaged = i;
         break;
     case COTREE_FRICTION_TURN:
-        row->direction_states[0] = event->targets[2];
-        row->direction_states[1] = event->targets[3];
+        /* On a plane, the targets are two modes and two components; in a ball joint, the mode, a
+         * change of speed, three components, and another change of speed. */
+        for (c = 0; c < event->n_targets / 2; ++c) row->direction_states[c] = event->targets[2 + c];
         row->direction_event = i;
         break;
     case COTREE_FRICTION_FIRST_IMPULSE:
@@ -90,9 +93,21 @@ static void attach_contact(cotree_events *e, cotree_row *row)
         if (stop->type == COTREE_ROW_STOP && stop->mode_state == slip->targets[1]) row->stop = stop;
     }
     row->speed_states[0] = slip->targets[2];
-    e->n_discs += cotree_is_disc(row);
-    if (cotree_is_disc(row)) row->speed_states[1] = e->events[row->limits[0]].targets[2];
     e->has_contact_friction = 1;
+}
+
+/* Find the events that contain the slip of a disc, and the states for its changes of speed. */
+static void attach_slips(cotree_events *e, cotree_row *row)
+{
+    int c;
+    if (!cotree_is_disc(row)) return;
+    row->slips[1] = row->limits[0];
+    if (row->direction_states[2] >= 0) row->slips[2] = row->direction_event;
+    for (c = 0; c < COTREE_COMPONENTS && row->slips[c] >= 0; ++c) {
+        const cotree_event *const event = e->events + row->slips[c];
+        row->speed_states[c] = event->targets[event->n_targets - 1];
+    }
+    ++e->n_discs;
 }
 
 /* Count the rows, and allocate and initialise them. */
@@ -128,6 +143,7 @@ void cotree_init_rows(cotree_events *e, const cotree_run *run, cotree_arena *are
                 attach_event(row, event, i);
         }
         attach_contact(e, row);
+        attach_slips(e, row);
     }
     for (i = 0; i < e->n_events; ++i) {
         e->is_impact_event[i] = e->stays_at_zero[i] = e->is_stepped_over[i] = 0;
@@ -137,7 +153,7 @@ void cotree_init_rows(cotree_events *e, const cotree_run *run, cotree_arena *are
     e->force_noise = e->largest_rate = e->impact_speed = COTREE_F(0.0);
 }
 
-/* Return whether friction acts in two directions, on a plane in space. */
+/* Return whether friction acts in several directions, on a plane in space or in a ball joint. */
 int cotree_is_disc(const cotree_row *row) { return row->direction_states[0] >= 0; }
 
 /* Return whether a row holds: friction sticks, or a stop is closed. */
@@ -225,12 +241,13 @@ cotree_real cotree_zero_acceleration(const cotree_events *e, const cotree_row *r
                            : TERM_ROUNDINGS * COTREE_SCAN_ROUNDING * e->largest_rate);
 }
 
-/* Write both components of the slip from the last evaluation of new values. */
+/* Write the components of the slip from the last evaluation of new values. */
 void cotree_find_slip(const cotree_events *e, const cotree_row *row, cotree_real *slip)
 {
-    slip[0] = -cotree_jumps_speed_change(&e->jumps, row->event);
-    slip[1] =
-        cotree_is_disc(row) ? -cotree_jumps_speed_change(&e->jumps, row->limits[0]) : COTREE_F(0.0);
+    int c;
+    for (c = 0; c < COTREE_COMPONENTS; ++c)
+        slip[c] = row->slips[c] < 0 ? COTREE_F(0.0)
+                                    : -cotree_jumps_speed_change(&e->jumps, row->slips[c]);
 }
 
 /* Return whether a gap is closed at the last evaluation. */

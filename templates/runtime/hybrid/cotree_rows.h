@@ -10,12 +10,15 @@
  * A row that sticks or is closed has a force within limits and no relative acceleration. The force
  * of any other row is at a limit. In an impact the same holds for impulses and speeds.
  *
- * Friction on a plane in space is one row with two components. It slides in the direction of its
- * slip, which is stored in two states, in mode 1. */
+ * Friction on a plane in space is one row with two components, and that of a ball joint has three.
+ * It slides in the direction of its slip, which is stored in as many states, in mode 1. */
 #ifndef COTREE_ROWS_H
 #define COTREE_ROWS_H
 
 #include "cotree_real.h"
+
+/* Largest number of components of a row. */
+#define COTREE_COMPONENTS 3
 
 typedef enum cotree_row_type {
     COTREE_ROW_FRICTION,
@@ -32,10 +35,11 @@ typedef struct cotree_row {
     int engaged;         /* value that is positive while a clutch is engaged */
     int gaps[2];         /* gaps of a stop at its upper and at its lower limit */
     int direction_event; /* angle by which the direction of sliding may still turn */
-    int impulses[2];     /* components of the friction impulse on a plane in space */
+    int slips[COTREE_COMPONENTS]; /* events whose last new values are minus the slip */
+    int impulses[2];              /* components of the friction impulse on a plane in space */
     int mode_state;
-    int direction_states[2]; /* direction of sliding on a plane in space */
-    int speed_states[2];     /* changes of speed in an impact, one for each component */
+    int direction_states[COTREE_COMPONENTS]; /* direction of sliding in space */
+    int speed_states[COTREE_COMPONENTS];     /* changes of speed in an impact */
 
     struct cotree_row *stop; /* friction at a contact: its stop; NULL: not at a contact */
 
@@ -46,12 +50,15 @@ typedef struct cotree_row {
     cotree_real acceleration_scale;
 
     /* Friction. */
-    int is_resticking;         /* 1: sticks again at the time at which its slip began */
-    cotree_real slide_start;   /* time at which the slip began */
-    cotree_real slip_sign;     /* direction of a contact that slides; 0: to be determined */
-    cotree_real slip_speed[2]; /* slip before the impact */
-    cotree_real direction[2], saved_direction[2]; /* direction of sliding on a plane in space */
-    cotree_real last_direction[2], last_slip[2];  /* last iteration for this direction */
+    int is_resticking;       /* 1: sticks again at the time at which its slip began */
+    cotree_real slide_start; /* time at which the slip began */
+    cotree_real slip_sign;   /* direction of a contact that slides; 0: to be determined */
+    cotree_real slip_speed[COTREE_COMPONENTS]; /* slip before the impact */
+    cotree_real
+        direction[COTREE_COMPONENTS]; /* direction of sliding in space; other components: 0 */
+    cotree_real saved_direction[COTREE_COMPONENTS];
+    cotree_real last_direction[COTREE_COMPONENTS]; /* last iteration for this direction */
+    cotree_real last_slip[COTREE_COMPONENTS];
     cotree_real gain; /* change of the direction per unit of slip in this iteration */
 
     /* Stops. */
@@ -69,8 +76,9 @@ typedef struct cotree_row {
     int restitution_event; /* event whose last new value is the change of speed */
 
     /* Impulse. */
-    int struck_events[2];    /* events that prescribe the changes of speed; -1: no impulse */
-    cotree_real kernel_mode; /* mode passed to the kernels */
+    int struck_events[COTREE_COMPONENTS]; /* events that prescribe the changes of speed; -1: no
+                                             impulse */
+    cotree_real kernel_mode;              /* mode passed to the kernels */
 } cotree_row;
 
 #endif

@@ -269,7 +269,7 @@ def friction_residual(terminal: Terminal) -> Law:
     assert terminal.friction is not None
     own = terminal.friction
     through = argument("through")
-    impulse = argument(f"impulse{own.suffix}") if own.presser else ZERO
+    impulse = argument(f"impulse{own.suffix}") if own.is_struck else ZERO
     stuck, forward, backward, free, struck = _friction_weights(own)
     # The through variable opposes the motion. With this sign, the derivative with respect to the
     # through variable is positive in every mode.
@@ -300,7 +300,7 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
     assert own is not None
     stuck, forward, backward, _, struck = _friction_weights(own)
     sliding = forward * own.forward + backward * own.backward
-    if not own.presser:
+    if not own.is_struck:
         return stuck * multiplier + sliding, stuck, ZERO
     share, jump = stuck + struck, struck * argument(f"impulse{own.suffix}")
     return share * multiplier + sliding, share, jump
@@ -334,12 +334,12 @@ def _friction_weights(friction: Friction) -> tuple[Law, Law, Law, Law, Law]:
     """Return expressions, each of which is one in one mode of friction and zero in all others.
 
     They are exact in floating point for the modes 0, 1, -1, 2 and 3: stuck, forwards, backwards,
-    free and, if a stop provides the normal force, sticking in an impact.
+    free and, if an impulse may act, sticking in an impact.
     """
     mode = argument(friction.mode)
-    if not friction.presser and friction.grip is None:
+    if not friction.is_struck and friction.grip is None:
         return 1 - mode**2, mode * (mode + 1) / 2, mode * (mode - 1) / 2, ZERO, ZERO
-    if not friction.presser:
+    if not friction.is_struck:
         return (
             (1 - mode**2) * (2 - mode) / 2,
             mode * (mode + 1) * (2 - mode) / 2,
