@@ -29,7 +29,9 @@ def norm(a):
 def implicit(function, start):
     """Return the fixed point of a contraction."""
     for _ in range(60):
-        start = function(start)
+        before, start = start, function(start)
+        if start == before:
+            break
     return start
 
 

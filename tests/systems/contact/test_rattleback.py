@@ -69,7 +69,7 @@ def test_a_rolling_rattleback_moves_by_its_equations_and_turns_back():
     result = rattleback(type="rolling_ellipsoid").simulate((0, 6), times, rtol=1e-11)
     own = np.array([result[f"body.w{i}"] for i in (1, 2, 3)])
     # Errors at rtol 1e-11 grow with the unstable rocking, by some e^10 in this time.
-    np.testing.assert_allclose(own[:, :31], reference(times)[:, :31], atol=1e-6)
+    np.testing.assert_allclose(own[:, :31], reference(times[:31]), atol=1e-6)
     # It spins in the direction that it does not like, and ends up in the other.
     assert own[2, 0] == SPIN
     assert own[2].max() > 0.5
