@@ -6,6 +6,7 @@ import math
 import re
 import warnings
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -177,6 +178,7 @@ def scene_of(name: str, situation: str, *, is_registered: bool) -> Scene:
     return scene
 
 
+@cache  # the reference is the same for expressions and registered laws
 def expected(name: str, situation: str, **changed: float) -> float:
     """Integrate with SciPy in short steps: what C.v is in the end."""
     law, values = LAWS[name], {**VALUES, **changed}
