@@ -195,9 +195,16 @@ def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
     dag = normal[0].dag
     # The size of a symbolic entry is unknown; any choice is valid if it is not singular.
     sizes = [abs(entry.value) if entry.value is not None else 0.5 for entry in normal]
-    start = vector.identity(dag)[(sizes.index(max(sizes)) + 1) % 3]
-    # Gram-Schmidt; the axis after the largest entry is never parallel to the normal.
+    axes, follows = vector.identity(dag), sizes.index(max(sizes)) + 1
+    start = axes[follows % 3]
+    # Gram-Schmidt; the axis after a known largest entry is never parallel to the normal.
     along = vector.dot(normal, start)
+    if along.value is None:
+        # Parameters may turn the normal to within 26 degrees of this axis: use the next one there.
+        share = 0.5 + 0.5 * dag.function("sign", along * along - 0.81)
+        turn = vector.sub(axes[(follows + 1) % 3], start)
+        start = vector.add(start, vector.scale(share, turn))
+        along = vector.dot(normal, start)
     first = vector.sub(start, vector.scale(along, normal))
     if not along.is_zero:
         length = dag.function("sqrt", vector.dot(first, first))
