@@ -186,14 +186,14 @@ def compiled(
     found = Contender(program.operations["augmented_rhs"].kernel, size, generation, took, "")
     loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
     kernels = Kernels(program, loaded, context.prefix)
-    kernels.prepare(np.array(program.layout.parameter_values))
-    native = kernels.native()
-    struct = loaded.ffi.cast("const cotree_model *", native.address)
+    p = np.array(program.layout.parameter_values)
+    kernels.prepare(p)
+    struct = loaded.ffi.cast("const cotree_model *", kernels.model_address)
     address = int(loaded.ffi.cast("uintptr_t", struct.augmented_rhs))
     out = np.zeros(len(kernel.results))
     u = np.zeros(len(program.layout.inputs) + 1)
-    found.call = loop("sensitivity", address, x.copy(), [s.copy(), u, native.p, native.k, out])
-    found.call.keeps += (kernels, native)  # type: ignore[attr-defined]
+    found.call = loop("sensitivity", address, x.copy(), [s.copy(), u, p, kernels.prepared(), out])
+    found.call.keeps += (kernels,)  # type: ignore[attr-defined]
     found.value = lambda: out
     found.note = library.command.split()[2]
     return found

@@ -183,14 +183,14 @@ def loop(kind: str, address: int, first: Any, others: Sequence[Any]) -> Callable
 
 def own(model: Any, kernel: str, x: Any, s: Any) -> Contender:
     """Return a kernel of a compiled model as a contender."""
-    native = model.kernels.native(model.default_parameters)
-    ffi = native.library.ffi
-    struct = ffi.cast("const cotree_model *", native.address)
+    p, code = model.default_parameters, model.kernels.code
+    ffi = code.library.ffi
+    struct = ffi.cast("const cotree_model *", code.model_address)
     address = int(ffi.cast("uintptr_t", getattr(struct, kernel)))
     out = np.zeros(len(model.kernels.program.kernels[kernel].results) + 1)
     kind = "sensitivity" if "s" in model.kernels.program.kernels[kernel].spec.arguments else "state"
     before = [s.copy()] if kind == "sensitivity" else []
-    rest = [np.zeros(struct.n_inputs + 1), native.p, native.k, out]
+    rest = [np.zeros(struct.n_inputs + 1), p, model.kernels.prepared(p), out]
     files = model.kernels.text.files
     return Contender(
         model.operations[kernel].kernel,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,9 +44,18 @@ class EvaluatedKernels:
         values = self._values("prepare", {})
         self._prepared = dict(zip(self.program.kernels["prepare"].results, values, strict=True))
 
-    def native(self):
-        """Return the model for the search of starts in C, which calls these kernels."""
+    @cached_property
+    def _called(self):
         return CalledModel(load_start().ffi, self)
+
+    @property
+    def model_address(self):
+        """The model for the search of starts in C, which calls these kernels."""
+        return self._called.address
+
+    def prepared(self):
+        """Return no values, as C calls these kernels with parameters."""
+        return np.zeros(0)
 
     def address(self, name):
         """Return None, as there is no C."""
@@ -82,7 +92,7 @@ class CalledModel(CObjects):
 
     def __init__(self, ffi, kernels: EvaluatedKernels):
         super().__init__(ffi)
-        self._kernels, self.p, self.k = kernels, kernels.p, np.zeros(0)
+        self._kernels = kernels
         layout, c = kernels.program.layout, self.new("cotree_model *")
         self._layout, self.address = layout, int(ffi.cast("uintptr_t", c))
         c.abi_version, c.name = ABI_VERSION, self.new("char[]", layout.name.encode())

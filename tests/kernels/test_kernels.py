@@ -59,12 +59,12 @@ def along(model, y, s, p, j, name):
 
 def test_kernels_are_compiled(model_of, scene_name):
     assert model_of(scene_name).kernels.backend == "C"
-    assert isinstance(model_of(scene_name).kernels._kernels, Kernels)
+    assert isinstance(model_of(scene_name).kernels.code, Kernels)
 
 
 def test_every_compiled_kernel_equals_the_program_in_python(model_of, program_of, scene_name):
     model, python = model_of(scene_name), EvaluatedKernels(program_of(scene_name))
-    compiled = model.kernels._kernels
+    compiled = model.kernels.code
     for t, y, s, p in points(model):
         compiled.prepare(p)
         model.kernels._own.prepared = None  # the model is shared: make it prepare again

@@ -63,6 +63,11 @@ class BoundModel:
         """The given inputs, or those of the scene, shape (n_inputs,)."""
         return self.model.input_values(self.t, self.p) if self.u is None else self.u
 
+    @cached_property
+    def k(self) -> Array:
+        """The values that the kernel ``prepare`` computes from the parameters."""
+        return self.model.prepared(self.p)
+
     @property
     def event_rows(self) -> tuple[EventRow, ...]:
         """The events of the model."""

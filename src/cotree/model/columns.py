@@ -91,9 +91,9 @@ def _in_c(
     model: CompiledModel, library: LoadedLibrary, name: str, points: _Points, results: Array
 ) -> int:
     """Evaluate points in C until one fails; return the number of points before it."""
-    ffi, spec, native = library.ffi, KERNELS[name], model.native(points.p[0])
+    ffi, spec, prepared = library.ffi, KERNELS[name], model.prepared(points.p[0])
     address = model.address(name)
-    if native is None or address is None or not points.n:
+    if address is None or not points.n:
         return 0
     kernel = ffi.cast(spec.type, address)
     s = np.ascontiguousarray(points.s[:, points.places]) if spec.is_packed else points.s
@@ -103,7 +103,7 @@ def _in_c(
     pointer = partial(pointer_to, ffi)
     return int(
         library.lib.cotree_columns(
-            ffi.cast("cotree_model *", native.address),
+            ffi.cast("cotree_model *", model.code.model_address),
             kernel if is_of_states else ffi.NULL,
             ffi.NULL if is_of_states else kernel,
             points.n,
@@ -113,7 +113,7 @@ def _in_c(
             s.shape[1],
             pointer(points.p),
             points.p.shape[1] if points.has_own else 0,
-            pointer(native.k),
+            pointer(prepared),
             points.u is not None,
             pointer(inputs),
             pointer(results),

@@ -18,15 +18,13 @@ from cotree.build.cache import cached
 from cotree.errors import BuildError, SolveError
 from cotree.model.arrays import Array, pointer_to
 from cotree.program.kernels import KERNELS
-from cotree.records import changed
 from cotree.sharing import forming, locked_cache
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from cotree.codegen.context import KernelFile
-    from cotree.program.layout import Layout
     from cotree.program.program import Program
     from cotree.program.text import ModelText
 
@@ -120,23 +118,6 @@ def count_step_work(program: Program) -> StepWork | None:
 SINGULAR = 1
 
 
-@dataclass(frozen=True, eq=False)
-class NativeModel:
-    """A C model with prepared parameters, the argument of the C integrators."""
-
-    address: int  # address of the function ``cotree_model``
-    #: Parameters, and the values that the kernel ``prepare`` computed from them.
-    p: Array
-    k: Array
-    library: LoadedLibrary  # the reference keeps the loaded code in memory
-    layout: Layout
-    can_extend: bool  # whether the library can compute rates of the algebraic unknowns
-    #: Function that returns ``cotree_newton``, built at the first call; None if that is impossible.
-    newton: Callable[[], Newton | None]
-    #: Function that returns the operation counts of an implicit step, or None if they are unknown.
-    work: Callable[[], StepWork | None]
-
-
 class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
     """Kernels of one thread: C function, arguments, result, and whether t is an argument."""
 
@@ -177,7 +158,19 @@ class _OwnBuffers(threading.local):
 
 
 class Kernels:
-    """Kernels of a loaded library, whose buffers and pointers each thread binds once."""
+    """Kernels of a loaded library, whose buffers and pointers each thread binds once.
+
+    Attributes
+    ----------
+    library : LoadedLibrary
+        The library.
+    model_address : int
+        Address of its ``cotree_model``.
+    newton : callable
+        Returns ``cotree_newton``, built at the first call; None if that is impossible.
+    step_work : callable
+        Returns the operation counts of an implicit step, or None if they are unknown.
+    """
 
     backend = "C"
 
@@ -187,20 +180,12 @@ class Kernels:
         # In other versions, the structure may have a different layout.
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
-        self._library = library  # the reference keeps the code in memory
+        self.library = library  # the reference keeps the code in memory
+        self.model_address = int(library.ffi.cast("uintptr_t", model))
         self._model, self._text = model, text
         self._own = _OwnBuffers(text, library, model)
-        # `native` replaces the parameter arrays.
-        self._native = NativeModel(
-            int(library.ffi.cast("uintptr_t", model)),
-            np.zeros(0),
-            np.zeros(0),
-            library,
-            layout,
-            text.traits.can_extend(layout),
-            locked_cache(lambda: load_newton(text.program)),
-            locked_cache(lambda: count_step_work(text.program)),
-        )
+        self.newton = locked_cache(lambda: load_newton(text.program))
+        self.step_work = locked_cache(lambda: count_step_work(text.program))
 
     def prepare(self, p: Array) -> None:
         """Set the parameters for this thread; raise ParameterError if a guard rejects them."""
@@ -236,17 +221,15 @@ class Kernels:
             raise self._failure(status, name, known)
         return result
 
-    def native(self) -> NativeModel | None:
-        """Return the C model with this thread's parameters, or None without a compiler."""
-        # The arrays are copied, because this thread may prepare other parameters during the run.
-        bound = self._own.bound
-        return changed(self._native, p=bound.p.copy(), k=bound.k.copy())
+    def prepared(self) -> Array:
+        """Return the values that ``prepare`` computed for this thread, in a new array."""
+        return self._own.bound.k.copy()
 
     def address(self, name: str) -> int | None:
         """Return the address of a C kernel, or None if the library does not contain it."""
         if name not in self._text.traits.n_results:
             return None
-        return int(self._library.ffi.cast("uintptr_t", self._own.bound[name][0]))
+        return int(self.library.ffi.cast("uintptr_t", self._own.bound[name][0]))
 
     def _failure(self, status: int, name: str, known: Mapping[str, Any]) -> Exception:
         if status == SINGULAR:
@@ -274,10 +257,6 @@ class MissingKernels(Kernels):
     def prepare(self, p: Array) -> None:
         """Raise SolveError."""
         raise SolveError(NO_COMPILER)
-
-    def native(self) -> NativeModel | None:
-        """Return None."""
-        return None
 
     def address(self, name: str) -> int | None:
         """Return None."""

@@ -24,7 +24,6 @@ from cotree.model.arrays import (
     one_point,
 )
 from cotree.program.kernels import KERNELS
-from cotree.records import changed
 from cotree.scene.expressions import check_number
 from cotree.sharing import RecentCache, locked_cached_property
 from cotree.version import VERSION
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 
     from cotree.build import BuildOptions
     from cotree.dag.restart_times import RestartTimes
-    from cotree.model.kernels import Kernels, NativeModel
+    from cotree.model.kernels import Kernels
     from cotree.model.roots import Junctions
     from cotree.model.start_in_c import StartInC
     from cotree.program.layout import Layout
@@ -126,6 +125,8 @@ class CompiledModel:
         Parameters and initial states with respect to which the model computes sensitivities.
     structure : Structure
         Sparsity patterns of the derivatives.
+    code : Kernels
+        The compiled kernels.
     kept : RecentCache
         Preparations of runs by their settings; see :mod:`cotree.solvers.prepare`.
     """
@@ -136,7 +137,7 @@ class CompiledModel:
         self.text, self.traits, self.options = text, text.traits, options
         self.cached = False
         self.rest: Rest | None = None
-        self._kernels = kernels
+        self.code = kernels
         self._own = _Own()
         self._whole: dict[str, Call] = {}
         self.kept: RecentCache[Any] = RecentCache(_MOST_KEPT)
@@ -209,7 +210,7 @@ class CompiledModel:
         until the calling thread calls the kernel again. If another call has changed the parameters,
         the kernels are prepared for p again.
         """
-        kernels, own, has_inputs = self._kernels, self._own, bool(self.inputs)
+        kernels, own, has_inputs = self.code, self._own, bool(self.inputs)
         kernel = self._kernel(name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
@@ -222,15 +223,20 @@ class CompiledModel:
 
         return call
 
-    def native(self, p: Array) -> NativeModel | None:
-        """Return the C model with parameters p, or None without a compiler."""
+    def prepared(self, p: Array) -> Array:
+        """Return the values that the kernel ``prepare`` computes from p, in a new array."""
         self._prepare(p)
-        return self._kernels.native()
+        return self.code.prepared()
+
+    @property
+    def can_extend(self) -> bool:
+        """Whether the library can compute rates of the algebraic unknowns."""
+        return self.traits.can_extend(self.layout)
 
     @property
     def backend(self) -> str:
         """The backend of the kernels: ``C``, or ``none`` without a compiler."""
-        return self._kernels.backend
+        return self.code.backend
 
     @property
     def compiler(self) -> str:
@@ -245,7 +251,7 @@ class CompiledModel:
 
     def address(self, name: str) -> int | None:
         """Return the address of a C kernel, or None if the library has no such kernel."""
-        return self._kernels.address(name)
+        return self.code.address(name)
 
     def bound_jacobian(
         self, p: Array, *, is_sparse: bool = False
@@ -269,7 +275,7 @@ class CompiledModel:
         """Return a kernel as a function of full sensitivity arrays, cached by name."""
         found = self._whole.get(name)
         if found is None:
-            found = self._whole[name] = whole_kernel(self._kernels, self.layout, name)
+            found = self._whole[name] = whole_kernel(self.code, self.layout, name)
         return found
 
     def _prepare(self, p: Any) -> None:
@@ -295,7 +301,7 @@ class CompiledModel:
                 raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
             # If a guard rejects the values, the kernels remain unprepared.
             own.prepared = None
-            self._kernels.prepare(p)
+            self.code.prepare(p)
         own.prepared = p
 
     @property
@@ -500,7 +506,7 @@ class StatesOnly(CompiledModel):
             sensitivity_rows=(),
             input_sensitivities=((),) * len(text.layout.inputs),
         )
-        super().__init__(replace(text, layout=layout), model._kernels)
+        super().__init__(replace(text, layout=layout), model.code)
         # Both models share the kernels, and thus the prepared parameters of each thread.
         self._own, self._whole_model, self.rest = model._own, model, model.rest
 
@@ -518,9 +524,3 @@ class StatesOnly(CompiledModel):
     def initial_sensitivity(self, p: Any = None) -> Array:
         """Return an empty array, shape (n_states, 0)."""
         return np.zeros((len(self.states), 0))
-
-    def native(self, p: Array) -> NativeModel | None:
-        """Return the C model; see :meth:`CompiledModel.native`."""
-        native = super().native(p)
-        # This kernel may exist even if the one with sensitivities was too long to compile.
-        return native and changed(native, can_extend=self.traits.can_extend(self.layout))

@@ -26,7 +26,7 @@ from cotree.errors import (
     listed,
 )
 from cotree.model.arrays import Array, CObjects
-from cotree.model.kernels import NO_COMPILER, SINGULAR, build_engine, shared_code
+from cotree.model.kernels import SINGULAR, build_engine, shared_code
 from cotree.model.start import Start
 from cotree.model.unknowns import contradicting_jumps, of_model
 from cotree.quiet import level_of_user
@@ -178,11 +178,8 @@ class StartCall(CObjects):
         self._search: UnknownsOfStart | None = None
         self.c = c = self.new("cotree_start_call *")
         c.tables, c.z = starts.tables, self.pointer(self.z)
-        native = model.native(at.p)
-        if native is None:
-            raise SolveError(NO_COMPILER)
-        c.model = ffi.cast("cotree_model *", native.address)
-        c.p, c.k = map(self.pointer, (native.p, native.k))
+        c.p, c.k = map(self.pointer, (at.p, at.k))
+        c.model = ffi.cast("cotree_model *", model.code.model_address)
         c.t, c.has_sensitivities, c.n_set = at.t, m > 0, len(initial)
         places = np.array([model.states.index(name) for name in initial], dtype=np.intc)
         self.places = places

@@ -15,13 +15,13 @@ from cotree.build import LoadedLibrary, abandon
 from cotree.errors import BuildError, Error, SolveError
 from cotree.methods import METHODS, SUNDIALS
 from cotree.model.arrays import pointer_to
-from cotree.model.kernels import NativeModel, SharedCode, build_engine, shared_code
+from cotree.model.kernels import SharedCode, build_engine, shared_code
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from cotree.model.model import CompiledModel
+    from cotree.model.bound import BoundModel
     from cotree.solvers.result import FloatArray
 
 
@@ -114,24 +114,21 @@ def _opened(stepper: str, path: str, has_events: bool) -> Engine | str:
     return opened if isinstance(opened, str) else Engine(stepper, library, *opened)
 
 
-if TYPE_CHECKING:
-    Inputs = Callable[[float], FloatArray | None]
-
-
 def sweep(
-    model: CompiledModel, native: NativeModel, u: Inputs, t: FloatArray, z: FloatArray
+    native: BoundModel, t: FloatArray, z: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return outputs (n_outputs, n_t), sensitivities (n_outputs, n_sensitivities, n_t) and inputs.
 
     Raises SingularSystemError if an output is undetermined at a point, BuildError without compiler.
     """
+    model = native.model
     if not model.outputs and not model.inputs:
         none = np.zeros((0, len(t)))
         return none, np.zeros((0, len(model.sensitivities), len(t))), none
     library = load_sweep()
     if library is None:
         raise BuildError("no compiler can build the loop over the points of a run")
-    return _in_c(model, native, library, u, t, z) or _blame(model, native.p, u, t, z)
+    return _in_c(native, library, t, z) or _blame(native, t, z)
 
 
 @locked_cache
@@ -141,14 +138,10 @@ def load_sweep() -> LoadedLibrary | None:
 
 
 def _in_c(
-    model: CompiledModel,
-    native: NativeModel,
-    library: LoadedLibrary,
-    u: Inputs,
-    t: FloatArray,
-    z: FloatArray,
+    native: BoundModel, library: LoadedLibrary, t: FloatArray, z: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Evaluate all points in one C call; return None if a kernel fails at a point."""
+    model, u = native.model, native.inputs_at
     n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
     # C evaluates inputs that the scene defines, and reads inputs set for this run from an array.
     inputs = np.zeros((n_t, len(model.inputs)))
@@ -161,7 +154,7 @@ def _in_c(
     pointer = partial(pointer_to, ffi)
     # The transpose has one row per point, as C expects.
     status = library.lib.cotree_sweep(
-        ffi.cast("cotree_model *", native.address),
+        ffi.cast("cotree_model *", model.code.model_address),
         pointer(native.p),
         pointer(native.k),
         n_t,
@@ -180,13 +173,12 @@ def _in_c(
     return outputs.T.copy(), slopes.transpose(2, 1, 0).copy(), inputs.T.copy()
 
 
-def _blame(
-    model: CompiledModel, p: FloatArray, u: Inputs, t: FloatArray, z: FloatArray
-) -> NoReturn:
+def _blame(native: BoundModel, t: FloatArray, z: FloatArray) -> NoReturn:
     """Raise the exception for the first point at which an output is undetermined."""
+    model, p = native.model, native.p
     n, m = len(model.states), len(model.sensitivities)
     for j, at in enumerate(t.tolist()):
-        known, y, s = u(at), z[:n, j], z[n:, j].reshape(m, n).T
+        known, y, s = native.inputs_at(at), z[:n, j], z[n:, j].reshape(m, n).T
         model.output_values(at, y, p, known)
         if m:
             model.output_sensitivity(at, y, s, p, known)

@@ -271,13 +271,14 @@ class Job:
         is_extended: bool = False,
     ) -> None:
         assert problem.native is not None  # C methods reject problems without C code
+        model = problem.native.model
         self._ffi, self._lib = engine.library.ffi, engine.library.lib
         self.engine = engine
         self._arrays: dict[str, FloatArray] = {}
         self._pointers: dict[str, Any] = {}  # C pointers, which keep the arrays alive
         self._n_bytes = 0  # total size of the arrays
         self.rescue = Rescue(problem)
-        self._callbacks = Callbacks(self._ffi, self.rescue, newton, problem.native.library)
+        self._callbacks = Callbacks(self._ffi, self.rescue, newton, model.code.library)
         self.kind = job_kind(row, problem, is_extended=is_extended)
         self.has_newton = newton is not None
         c = self.job = self._ffi.new("cotree_job *")
@@ -291,7 +292,7 @@ class Job:
         if problem.singular is not None:
             from cotree.model.start_in_c import filled_tables
 
-            tables = filled_tables(self._callbacks, problem.native.layout)
+            tables = filled_tables(self._callbacks, model.layout)
             c.constraints = tables.assembly
             self._crossings = np.zeros((_MOST_CROSSINGS, 1 + problem.n_states))
             c.crossings = self._callbacks.pointer(self._crossings)
@@ -346,8 +347,8 @@ class Job:
             c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
         self._set_array("p", native.p)
         self._set_array("k", native.k)
-        if native.layout.inputs:
-            self._set_array("u", np.zeros(len(native.layout.inputs)))
+        if native.model.inputs:
+            self._set_array("u", np.zeros(len(native.model.inputs)))
         c.rtol = self._tolerances.rtol_of(problem)
         sizes = [row if row is None else row.tobytes() for row in (problem.sizes, problem.scales)]
         if sizes != self._sizes:
@@ -393,7 +394,7 @@ class Job:
         """Set the model, its inputs, and the Python functions that C calls."""
         assert problem.native is not None
         c = self.job
-        c.model = self._ffi.cast("cotree_model *", problem.native.address)
+        c.model = self._ffi.cast("cotree_model *", problem.native.model.code.model_address)
         c.n_replaced, c.replaced = len(problem.replaced), self._tables(problem)
         if problem.functions:
             c.input_function = self._callbacks.input_function(problem.functions)

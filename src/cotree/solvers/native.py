@@ -141,7 +141,7 @@ def can_extend(row: Method, problem: Problem) -> bool:
     """Return whether a method can integrate algebraic unknowns instead of solving for them."""
     return (
         problem.native is not None
-        and problem.native.can_extend
+        and problem.native.model.can_extend
         and not (problem.replaced or problem.functions)  # the rates of these inputs are unknown
         # Only explicit methods gain: they would solve for the unknowns in each stage.
         and not row.implicit
@@ -337,7 +337,7 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
 def engine_of(stepper: str, problem: Problem) -> Engine | str:
     """Build and load the engine of a stepper for a problem, or return the reason why that fails."""
     assert problem.native is not None
-    return load_engine(stepper, has_events=problem.native.layout.has_events)
+    return load_engine(stepper, has_events=problem.native.model.layout.has_events)
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
@@ -345,7 +345,7 @@ def factors_of(row: Method, problem: Problem) -> Newton | str | None:
     if row.family != "cotree" or not row.implicit:
         return None
     assert problem.native is not None  # other problems have been rejected before
-    return problem.native.newton() or "no compiler can build what it needs of the model"
+    return problem.native.model.code.newton() or "no compiler can build what it needs of the model"
 
 
 def band_refusal(job: Job, problem: Problem) -> str:

@@ -206,9 +206,8 @@ class Preparation:
             **vars(self._template),
             "z0": start.z,
             "reach": reach,
-            "u": u,
             "note": start.note,
-            "native": model.native(p),
+            "native": bound,
             # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, form one system.
             "rhs": bound.augmented_rates if model.sensitivities else bound.rates,
             "jacobian": bound.jacobian,

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from cotree.methods import Method
     from cotree.model.bound import BoundModel
-    from cotree.model.kernels import NativeModel
     from cotree.scene.settings import Settings
     from cotree.solvers.job import Shared
     from cotree.solvers.result import FloatArray
@@ -98,9 +97,8 @@ class Problem:
     undefined: Callable[[float, FloatArray], str] | None = None
     #: State Jacobian, with the same pattern at all points; None if it has many entries.
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
-    native: NativeModel | None = None
-    #: Inputs at time t, (n_inputs,), or None to use the inputs of the model.
-    u: Callable[[float], FloatArray | None] = lambda t: None
+    #: The model in C with the parameters and inputs of the run; its time is the start.
+    native: BoundModel | None = None
     #: By index, inputs replaced by tables (times, values), and inputs that are Python functions.
     replaced: Mapping[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     functions: Mapping[int, Callable[[float], float]] = field(default_factory=dict)

@@ -49,7 +49,7 @@ def observed(
     The sensitivities of outputs in ``left_out`` are set to nan, because they are not unique.
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
-    native, u = problem.native, problem.u
+    native = problem.native
     assert native is not None  # the settings require a C compiler
     later: dict[str, Callable[[], Mapping[str, Any]]] = {
         "parameter_values": lambda: {"parameter_values": _parameter_values(model, native.p)},
@@ -57,7 +57,7 @@ def observed(
     }
 
     def swept() -> dict[str, FloatArray]:
-        values = sweep(model, native, u, t, z)
+        values = sweep(native, t, z)
         values[1][left_out] = np.nan
         return dict(zip(_SWEPT, values, strict=True))
 

@@ -137,7 +137,7 @@ _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 def share_of_rodas5(problem: Problem) -> float | None:
     """Estimate the time of rodas5 divided by that of cvode; return None if costs are unknown."""
-    work = None if problem.native is None else problem.native.work()
+    work = None if problem.native is None else problem.native.model.code.step_work()
     if work is None:
         return None
     n, m = problem.n_states, problem.n_sensitivities

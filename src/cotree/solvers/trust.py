@@ -74,8 +74,7 @@ def is_balanced(model: CompiledModel, problem: Problem) -> bool:
     """
     native, t, y = problem.native, problem.settings.t_span[0], problem.z0[: problem.n_states]
     assert native is not None  # the settings require a C compiler
-    p, u = native.p, problem.u(t)
-    u = model.input_values(t, p) if u is None else u
+    p, u = native.p, native.inputs
     with suppress(Error):
         rates = model.rhs(t, y, p, u)
         others = model.rhs(t, y, _other(p), _other(u))

@@ -39,7 +39,7 @@ def _potentials(circuit: Circuit, monkeypatch) -> dict[str, float]:
     """Find the operating point, in few evaluations."""
     monkeypatch.setattr("cotree.api.check_start", lambda model: None)  # it would be found twice
     model = circuit.scene().compile()
-    model.kernels._kernels = counted = Counted(model.kernels._kernels)
+    model.kernels.code = counted = Counted(model.kernels.code)
     found = model.output_values(0.0, model.start().y)
     assert counted.count <= MOST_EVALUATIONS
     return {name.removeprefix("at_"): v for name, v in zip(model.outputs, found, strict=True)}
