@@ -261,10 +261,9 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
         const int status = run->model->algebraic_step(t, x, run->u, run->p, run->k, run->rates);
         if (status != 0) return status;
         for (i = 0; i < m; ++i) {
-            const cotree_real largest_share =
-                COTREE_F(1.0) / (COTREE_FABS(z[i]) + near_zero + COTREE_MIN);
-            size += COTREE_FABS(step[i]) * largest_share;
-            rest += COTREE_FABS(last[i]) * largest_share;
+            const cotree_real scale = COTREE_F(1.0) / (COTREE_FABS(z[i]) + near_zero + COTREE_MIN);
+            size += COTREE_FABS(step[i]) * scale;
+            rest += COTREE_FABS(last[i]) * scale;
             z[i] += step[i];
         }
         left = size + rest; /* far from the solution, terms may cancel each other */
