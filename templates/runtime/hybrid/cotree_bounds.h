@@ -8,8 +8,8 @@
 #endif
 
 /* Set the bounds of quantity k of n over an interval: the range of its values at both ends,
- * extended by a quarter of its second difference, which is twice the distance of a parabola from
- * its chord. */
+ * extended by a quarter of its second difference, `bend`. This margin is twice the distance of a
+ * parabola from its chord. */
 static inline void cotree_set_bounds(REAL *box, int n, int k, REAL low, REAL high, REAL bend)
 {
     box[k] = low - COTREE_F(0.25) * bend;
@@ -65,7 +65,7 @@ static inline REAL cotree_lower_bound(cotree_side_range r, REAL a, REAL b, REAL 
 }
 
 /* Return whether an event function that has the values a and b at the ends of a step cannot reach
- * zero within it. Both values are at least `least` away from zero on the same side. The rate is
+ * zero within it. Both values must be on the given side, at least `least` from zero. The rate is
  * assumed to be bounded by a multiple of the mean rates of this and the previous step. */
 static inline MASK cotree_is_out_of_reach(REAL side, REAL a, REAL b, REAL moved_before, REAL least)
 {

@@ -8,8 +8,8 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Release all branches, so that each is selected by its argument. The band of a steep kink remains,
- * since both sides use it. */
+/* Release all branches, so that their arguments select them. The bands of steep kinks remain,
+ * because they apply on both sides. */
 void cotree_release_branches(cotree_events *e)
 {
     int i;
@@ -25,11 +25,11 @@ static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
                        COTREE_F(4.0) * cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
 }
 
-/* Half-width of a band, as a multiple of the argument, that suppresses the root. */
+/* Half-width of a steep kink's band, as a multiple of its argument, that suppresses the root. */
 #define SUPPRESSING_RATIO COTREE_SELECT(1e15, 1e10f)
 
-/* Half-width of a band, as a fraction of the tolerance, that keeps the slope of a root finite at
- * zero without other effects. */
+/* Half-width of a steep kink's band, as a fraction of the tolerance, that only keeps the slope of
+ * the root finite at zero. */
 #define NARROW_SHARE COTREE_F(1e-8)
 
 /* Maximum number of Gauss-Seidel sweeps over the steep kinks whose arguments stay at zero. */
@@ -38,18 +38,21 @@ static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
 /* How the roots of a steep kink drive its argument: not at all, towards zero, or away from zero. */
 enum { DRIVES_NEITHER, DRIVES_TO_ZERO, DRIVES_AWAY };
 
-/* Write to `point` a point next to w, with the modes of jumps that are valid there. */
-static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real far)
+/* Write a point that is n_tolerances error tolerances from w to e->point, with the modes of jumps
+ * that are valid there. */
+static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w,
+                      cotree_real n_tolerances)
 {
-    cotree_real share = COTREE_F(0.0);
-    int k, is_known = 0, status;
+    cotree_real fraction = COTREE_F(0.0);
+    int k, has_new_values = 0, status;
     cotree_copy(e->n, w, e->point);
     for (k = 0; k < e->run->n_rates; ++k) {
         /* Each state changes by a different fraction (multiples of the golden ratio), so that
          * differences of states change, too. */
-        share += COTREE_F(0.618034);
-        if (share > COTREE_F(1.0)) share -= COTREE_F(1.0);
-        e->point[k] += far * (COTREE_F(1.0) + share) * (e->rtol * COTREE_FABS(w[k]) + e->atol);
+        fraction += COTREE_F(0.618034);
+        if (fraction > COTREE_F(1.0)) fraction -= COTREE_F(1.0);
+        e->point[k] +=
+            n_tolerances * (COTREE_F(1.0) + fraction) * (e->rtol * COTREE_FABS(w[k]) + e->atol);
     }
     status = cotree_compute_values(e, t, e->point);
     for (k = 0; k < e->n_events && status == 0; ++k) {
@@ -57,20 +60,20 @@ static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cot
         if (row->kind != COTREE_JUMP ||
             !((cotree_real)row->direction * e->jumps.values[k] > COTREE_F(0.0)))
             continue;
-        if (!is_known) status = cotree_jumps_compute_new_values(&e->jumps, t, e->point);
-        is_known = 1;
+        if (!has_new_values) status = cotree_jumps_compute_new_values(&e->jumps, t, e->point);
+        has_new_values = 1;
         e->point[row->targets[0]] = cotree_jumps_new_value(&e->jumps, k);
     }
     return status;
 }
 
 /* Compute the effect of the roots of a steep kink on the rates of the states, and on the rate of
- * the kink's argument, at a point next to w. The roots remain suppressed. */
+ * the kink's argument, at a point next to w. Afterwards the band suppresses the roots. */
 static int compute_effect(cotree_events *e, int i, cotree_real t, const cotree_real *w,
-                          cotree_real far, cotree_real *value, cotree_real *effect)
+                          cotree_real n_tolerances, cotree_real *value, cotree_real *effect)
 {
     cotree_real *const width = e->branches + e->events[i].branch;
-    int k, status = step_aside(e, t, w, far);
+    int k, status = step_aside(e, t, w, n_tolerances);
     *value = e->jumps.values[i];
     *width = -COTREE_F(1.0);
     if (status == 0) status = cotree_compute_rates(e, t, e->point);
@@ -98,7 +101,7 @@ static int classify_roots(cotree_events *e, int i, cotree_real t, const cotree_r
 }
 
 /* Return whether the argument of a steep kink stays within its zero band over the rest of the span
- * at its current rate. Roots are suppressed in that evaluation. */
+ * at its current rate. The caller suppresses the roots. */
 static int is_at_rest(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     return cotree_compute_curvature(e, t, w) == 0 &&
@@ -107,7 +110,7 @@ static int is_at_rest(cotree_events *e, int i, cotree_real t, const cotree_real 
 
 /* Set the band of a steep kink near zero. Its roots are regularised within the tolerance if they
  * drive the argument to zero from both sides. The motion is not unique if they drive it away from
- * zero on one side and no other term of its rate does. */
+ * zero on one side and the other terms of its rate are zero. */
 static int set_band(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     int found, status = classify_roots(e, i, t, w, &found);
@@ -189,13 +192,13 @@ static int set_state_errors(cotree_events *e, cotree_real t, const cotree_real *
     return status == 0 ? cotree_compute_values(e, t, w) : status;
 }
 
-/* Select the branches that the motion from a point enters. A branch is not frozen if its argument
- * has zero rate or it was already selected at the same time. */
+/* Select the branches that the motion from a point enters. A branch is not frozen if the rate of
+ * its argument is zero, or if it was already selected at this time. */
 int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const int first = COTREE_EVENTS_OF(e->run->model->hybrid);
     const int is_again = COTREE_FABS(t - e->branch_time) <= COTREE_F(8.0) * cotree_spacing(t);
-    int i, k, is_known = 1, status;
+    int i, k, has_rates = 1, status;
     if (e->branches == NULL) return 0;
     e->branch_time = t;
     cotree_release_branches(e);
@@ -216,11 +219,11 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
         if (e->events[i].kind == COTREE_STEEP_KINK) {
             e->side[i] = COTREE_F(0.0);
             status = set_band(e, i, t, w);
-            is_known = 0;
+            has_rates = 0;
             continue;
         }
-        if (!is_known) status = cotree_compute_rates(e, t, w);
-        is_known = 0;
+        if (!has_rates) status = cotree_compute_rates(e, t, w);
+        has_rates = 0;
         freeze_branch(e, i, is_again ? COTREE_F(0.0) : cotree_sign_of(e->jumps.rates[i]));
     }
     if (status == 0) status = cotree_compute_values(e, t, w);
@@ -233,7 +236,7 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
     return status;
 }
 
-/* Return whether all located events are kinks, so that no modes have to be selected. */
+/* Return whether all located events are kinks, so that only branches have to be selected. */
 int cotree_are_only_kinks(const cotree_events *e)
 {
     int i;
@@ -243,7 +246,7 @@ int cotree_are_only_kinks(const cotree_events *e)
     return e->n_found > 0 && e->n_rows == 0;
 }
 
-/* Enter the next branches, unless another event is due. */
+/* Apply kinks: select the next branches, and update sensitivities and signs. */
 int cotree_pass_kinks(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i;
@@ -275,14 +278,14 @@ int cotree_enters_band(const cotree_events *e, const cotree_real *g)
 /* An argument has left the band of a steep kink beyond this multiple of the half-width. */
 #define LEAVING_RATIO COTREE_F(4.0)
 
-/* Return whether a step ended beyond a frozen branch by more than the tolerance, or the branch was
- * not frozen. */
+/* Return whether branches must be selected after a step: its end is beyond a frozen branch, or an
+ * argument whose branch is not frozen has left its zero band. */
 int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
 {
     int i;
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
-        /* A table without a frozen interval has no side to leave. */
+        /* A table whose interval is not frozen always needs a selection. */
         if (e->events[i].direction != 0 && e->branches[e->events[i].branch] == COTREE_F(0.0))
             return 1;
         if (e->side[i] == COTREE_F(0.0) &&

@@ -6,8 +6,8 @@
  * friction slides, its force is at one of two limits; if a stop is open, its force is at its only
  * limit, zero.
  *
- * One algorithm solves for forces and accelerations while modes hold and, in an impact, for
- * impulses and speeds. Only the tolerances differ, and the decision at zero acceleration.
+ * The same algorithm solves for forces and accelerations and, in an impact, for impulses and
+ * speeds. Only the tolerances and the decision at zero acceleration differ.
  *
  * A trial evaluates the forces and accelerations for one mode set. The forces move from their
  * current values towards those of the trial until the first one reaches a limit: that row slides,
@@ -26,8 +26,7 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* Step fraction of a row that reaches no limit: above 1, so that other constraints change
- * first. */
+/* Step fraction of a row that reaches no limit: above 1, so that rows at a limit change first. */
 #define FRACTION_NO_LIMIT COTREE_F(2.0)
 
 /* Modulus of the codes of mode sets: a prime; cotree_real represents four times its value
@@ -37,8 +36,8 @@
 /* Maximum number of modes of one row. */
 #define MAX_MODES 3
 
-/* Smallest scale of a force, as a fraction of the largest force: its rounding is then below
- * LIMIT_RTOL. */
+/* Smallest scale of a force, as a fraction of the largest force. At this scale, the relative
+ * rounding error is LIMIT_RTOL. */
 #define MIN_FORCE_SHARE (ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING / LIMIT_RTOL)
 
 /* List the modes that a row may have. Return their number. */
@@ -52,7 +51,7 @@ static int list_allowed_modes(const cotree_row *row, cotree_real *modes)
     return n;
 }
 
-/* Return which limit the force reaches in a mode, or -1. Slack and limits have the same index. */
+/* Return the index of the limit (and of the slack) at which the force is in a mode, or -1. */
 static int limit_of_mode(const cotree_row *row, cotree_real mode)
 {
     if (row->type == COTREE_ROW_LOAD) return -1;
@@ -73,27 +72,27 @@ cotree_real cotree_largest_stop_force(const cotree_events *e)
     return largest;
 }
 
-/* Return the distance of a force from one of its limits. size: the width of the limits, or the
- * magnitude of a force that has only one. */
+/* Return the distance of a force from one of its limits. size: the distance between both limits, or
+ * the magnitude of a force with one limit. */
 static cotree_real distance_to_limit(const cotree_events *e, const cotree_row *row, int limit,
                                      cotree_real *size)
 {
-    const cotree_real up = e->samples[limit];
+    const cotree_real distance = e->samples[limit];
     if (row->type == COTREE_ROW_STOP) {
         const cotree_real largest = cotree_largest_stop_force(e);
         *size =
             e->is_impact ? largest : COTREE_FMAX(e->value_scale[limit], MIN_FORCE_SHARE * largest);
-        return up;
+        return distance;
     }
     if (e->is_impact && cotree_is_disc(row)) {
         const cotree_real a = e->samples[row->impulses[0]], b = e->samples[row->impulses[1]];
         *size = COTREE_SQRT(a * a + b * b);
-        return up - *size;
+        return distance - *size;
     }
     *size = row->limits[1] < 0
-                ? COTREE_FMAX(COTREE_FABS(up), e->value_scale[limit])
+                ? COTREE_FMAX(COTREE_FABS(distance), e->value_scale[limit])
                 : COTREE_FABS(e->samples[row->limits[0]] + e->samples[row->limits[1]]);
-    return up;
+    return distance;
 }
 
 /* Return the relative amount by which the force of a holding row exceeds one of its limits. */
@@ -117,8 +116,8 @@ static cotree_real slip_along(const cotree_events *e, const cotree_row *row)
                                : row->mode * slip[0];
 }
 
-/* Evaluate the rates of change of accelerations if one of them is zero although its row does not
- * hold. */
+/* Compute the accelerations shortly afterwards if the acceleration of a row that does not hold is
+ * zero. */
 static int compute_later_accelerations(cotree_events *e, cotree_real t)
 {
     cotree_row *row;
@@ -135,25 +134,26 @@ static int compute_later_accelerations(cotree_events *e, cotree_real t)
     return cotree_compute_rates(e, t, e->trial);
 }
 
-/* Return the relative amount by which a row that does not hold moves against its mode: the
- * acceleration of a gap or slip or, in an impact, the speed after it beyond the required one. At
- * zero acceleration its rate of change is decisive. */
+/* Return the relative amount by which a row that does not hold moves against its mode: by the
+ * acceleration of a gap or slip or, in an impact, by the speed after it. At zero acceleration, the
+ * rate of change of the acceleration decides. */
 static cotree_real find_reversal(cotree_events *e, cotree_row *row)
 {
     const int is_stop = row->type == COTREE_ROW_STOP;
-    cotree_real none = ACCELERATION_RTOL * e->impact_speed, rate, jerk, largest;
+    cotree_real zero_level = ACCELERATION_RTOL * e->impact_speed, rate, jerk, largest;
     if (e->is_impact) {
         rate = is_stop ? cotree_gap_rate(e, row) : slip_along(e, row);
-        if (is_stop) none = COTREE_FMAX(none, cotree_zero_gap_rate(e, row));
+        if (is_stop) zero_level = COTREE_FMAX(zero_level, cotree_zero_gap_rate(e, row));
         /* The gap rate must reach the rate that restitution requires. */
         if (is_stop && row->impact_role > 0) rate -= row->required_rate;
-        return rate < -none ? -rate / COTREE_FMAX(e->impact_speed, COTREE_MIN) : COTREE_F(0.0);
+        return rate < -zero_level ? -rate / COTREE_FMAX(e->impact_speed, COTREE_MIN)
+                                  : COTREE_F(0.0);
     }
     rate = cotree_acceleration(e, row);
     row->acceleration_scale = COTREE_FMAX(row->acceleration_scale, COTREE_FABS(rate));
-    none = cotree_zero_acceleration(e, row);
-    if (rate < -none) return -rate / row->acceleration_scale;
-    if (rate > none) return COTREE_F(0.0);
+    zero_level = cotree_zero_acceleration(e, row);
+    if (rate < -zero_level) return -rate / row->acceleration_scale;
+    if (rate > zero_level) return COTREE_F(0.0);
     largest = cotree_largest_acceleration_scale(e);
     jerk = is_stop ? (row->later_acceleration - rate) / (CURVATURE_STEP_SHARE * e->span)
                    : e->curvature[row->event];
@@ -169,7 +169,7 @@ static int is_tensile(const cotree_events *e, const cotree_row *stop, cotree_rea
            COTREE_F(0.0);
 }
 
-/* Return whether the friction at a stop sticks, so that its normal force has no limit yet. */
+/* Return whether any friction at a stop sticks: it must slide before the stop opens. */
 static int has_sticking_contact(const cotree_events *e, const cotree_row *stop)
 {
     const cotree_row *row;
@@ -197,7 +197,7 @@ static cotree_real find_violation(cotree_events *e, cotree_row *row, cotree_real
             row->acceleration_scale =
                 COTREE_FMAX(row->acceleration_scale, cotree_largest_acceleration_scale(e));
         if (is_tensile(e, row->stop, t)) {
-            /* A sticking contact slides before its stop opens. */
+            /* The friction must slide before its stop opens. */
             *new_mode =
                 cotree_is_disc(row) || e->samples[row->limits[0]] < e->samples[row->limits[1]]
                     ? COTREE_F(1.0)
@@ -209,7 +209,7 @@ static cotree_real find_violation(cotree_events *e, cotree_row *row, cotree_real
         *new_mode = is_stop ? row->side : COTREE_F(0.0);
         return find_reversal(e, row);
     }
-    /* In an impact, an unresolved gap opens, and closes again, at a speed below rounding. */
+    /* The sign of the impulse at an unresolved gap is a rounding error. */
     if (is_stop && (has_sticking_contact(e, row) ||
                     (e->is_impact && cotree_closed_gap(row) == e->unresolved_gap)))
         return COTREE_F(0.0);
@@ -253,7 +253,7 @@ static cotree_real fraction_to_limit(const cotree_events *e, const cotree_row *r
 }
 
 /* Move the forces by a fraction of the step to the trial forces. */
-static void partial_step(cotree_events *e, cotree_real share)
+static void partial_step(cotree_events *e, cotree_real fraction)
 {
     cotree_row *row;
     int side;
@@ -261,17 +261,17 @@ static void partial_step(cotree_events *e, cotree_real share)
         if (row->type == COTREE_ROW_LOAD || !cotree_may_change(e, row)) continue;
         if (!cotree_is_holding(row) && row->stop == NULL) continue;
         for (side = 0; side < 2; ++side) {
-            cotree_real *const left = row->slack + side;
+            cotree_real *const slack = row->slack + side;
             if (row->limits[side] < 0 || limit_of_mode(row, row->mode) == side) continue;
-            *left = COTREE_FMAX(*left + COTREE_FMIN(share, COTREE_F(1.0)) *
-                                            (e->samples[row->limits[side]] - *left),
-                                COTREE_F(0.0));
+            *slack = COTREE_FMAX(*slack + COTREE_FMIN(fraction, COTREE_F(1.0)) *
+                                              (e->samples[row->limits[side]] - *slack),
+                                 COTREE_F(0.0));
         }
     }
 }
 
-/* Return the mode of a row after another one, `changed`, has changed. The friction at a contact
- * changes with its stop. */
+/* Return the mode of a row after the row `changed` enters a mode. The friction at a contact changes
+ * with its stop. */
 static cotree_real mode_after_change(const cotree_row *row, const cotree_row *changed,
                                      cotree_real mode)
 {
@@ -349,7 +349,7 @@ static int is_tried(const cotree_events *e, const cotree_row *row, cotree_real m
     return 0;
 }
 
-/* Find a mode of a row that was not tried together with the current modes of the others. */
+/* Find a mode of a row that was not tried together with the current modes of the other rows. */
 static int find_untried_mode(const cotree_events *e, const cotree_row *row, cotree_real *mode)
 {
     cotree_real modes[MAX_MODES];
@@ -363,11 +363,11 @@ static int find_untried_mode(const cotree_events *e, const cotree_row *row, cotr
 }
 
 /* Return a consistent row whose change of mode leads to an untried mode set, or NULL. */
-static cotree_row *find_untried_row(const cotree_events *e, cotree_real *to)
+static cotree_row *find_untried_row(const cotree_events *e, cotree_real *to_mode)
 {
     cotree_row *row;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
-        if (cotree_may_change(e, row) && find_untried_mode(e, row, to)) return row;
+        if (cotree_may_change(e, row) && find_untried_mode(e, row, to_mode)) return row;
     }
     return NULL;
 }
@@ -391,10 +391,10 @@ static void compute_force_noise(cotree_events *e)
 static int evaluate_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
 #if COTREE_HAS_DISCS
-    int round, status, is_turned = 1;
-    for (round = 0; is_turned; ++round) {
+    int round, status, is_rotated = 1;
+    for (round = 0; is_rotated; ++round) {
         status = e->is_impact ? cotree_evaluate_impact(e, t, w) : cotree_evaluate_motion(e, t, w);
-        is_turned = status == 0 && cotree_turn_discs(e, round);
+        is_rotated = status == 0 && cotree_rotate_directions(e, round);
     }
     return status;
 #else
@@ -410,34 +410,36 @@ static int evaluate_trial(cotree_events *e, cotree_real t)
     return compute_later_accelerations(e, t);
 }
 
-/* Find the row whose mode changes first (NULL if only mode sets that were tried follow), and take
- * the step to its limit. Return whether any row violates its mode. */
-static int find_pivot(cotree_events *e, cotree_real t, cotree_row **changed, cotree_real *to)
+/* Find the row that reaches its limit first, and move the forces there. `changed` is NULL if all
+ * changes lead to mode sets that were tried. Return whether any row violates its mode. */
+static int find_pivot(cotree_events *e, cotree_real t, cotree_row **changed, cotree_real *to_mode)
 {
-    cotree_real first = COTREE_F(0.0), most = COTREE_F(0.0);
+    cotree_real smallest_fraction = COTREE_F(0.0), largest_violation = COTREE_F(0.0);
     cotree_row *row;
-    int is_wrong = 0;
+    int has_violation = 0;
     *changed = NULL;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
-        cotree_real new_mode, off, share;
+        cotree_real new_mode, violation, fraction;
         if (!cotree_may_change(e, row)) continue;
-        off = find_violation(e, row, t, &new_mode);
-        if (!(off > COTREE_F(0.0))) continue;
-        is_wrong = 1;
-        share = fraction_to_limit(e, row, new_mode);
+        violation = find_violation(e, row, t, &new_mode);
+        if (!(violation > COTREE_F(0.0))) continue;
+        has_violation = 1;
+        fraction = fraction_to_limit(e, row, new_mode);
         if (is_tried(e, row, new_mode)) {
             /* Limits that depend on forces can cause cycling: use an untried mode. */
-            share = FRACTION_NO_LIMIT + COTREE_F(1.0);
+            fraction = FRACTION_NO_LIMIT + COTREE_F(1.0);
             if (!find_untried_mode(e, row, &new_mode)) continue;
         }
-        if (*changed != NULL && (share > first || (share == first && off <= most))) continue;
+        if (*changed != NULL && (fraction > smallest_fraction ||
+                                 (fraction == smallest_fraction && violation <= largest_violation)))
+            continue;
         *changed = row;
-        *to = new_mode;
-        first = share;
-        most = off;
+        *to_mode = new_mode;
+        smallest_fraction = fraction;
+        largest_violation = violation;
     }
-    if (*changed != NULL) partial_step(e, first);
-    return is_wrong;
+    if (*changed != NULL) partial_step(e, smallest_fraction);
+    return has_violation;
 }
 
 /* Return whether the trial can be solved and its solution is consistent with its modes. */
@@ -508,11 +510,12 @@ static int fail_modes(cotree_events *e, cotree_real t, int has_friction, int has
 static int fail_indeterminate(cotree_events *e, cotree_real t)
 {
     const cotree_row *row;
-    int n_idle = 0;
+    int n_sticking = 0;
     for (row = e->rows; row < END_OF_ROWS; ++row)
-        n_idle += row->type == COTREE_ROW_FRICTION && row->is_active;
-    /* The loss of a gear depends on forces that are shared by several sticking rows. */
-    if (e->kernel_status != COTREE_SINGULAR || n_idle == 0) return e->failure;
+        n_sticking += row->type == COTREE_ROW_FRICTION && row->is_active;
+    /* The matrix is singular if a gear's loss depends on forces that several sticking rows
+     * share. */
+    if (e->kernel_status != COTREE_SINGULAR || n_sticking == 0) return e->failure;
     return fail_modes(e, t, 1, 0, COTREE_EVENTS_INDETERMINATE);
 }
 
@@ -527,12 +530,12 @@ int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w)
 }
 
 /* Close or open all active stops. Return whether any mode changed. */
-static int close_stops(cotree_events *e, int is_held)
+static int set_stops(cotree_events *e, int is_closed)
 {
     cotree_row *row;
     int is_changed = 0;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
-        const cotree_real mode = is_held ? row->side : COTREE_F(0.0);
+        const cotree_real mode = is_closed ? row->side : COTREE_F(0.0);
         if (row->type != COTREE_ROW_STOP || !row->is_active || row->mode == mode) continue;
         change_mode(e, row, mode);
         is_changed = 1;
@@ -540,13 +543,13 @@ static int close_stops(cotree_events *e, int is_held)
     return is_changed;
 }
 
-/* Change modes until those of n variable rows are consistent. Return FOUND, NONE if pivoting ends
- * without a solution, or the failure of the first trial. */
+/* Change the modes of n variable rows until they are consistent. Return FOUND, NONE if pivoting
+ * ends without a solution, or the failure of the first trial. */
 static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_real *w, int n)
 {
-    int round, is_begun = 0, is_lost = 0;
+    int round, has_slack = 0, is_singular = 0;
     cotree_row *changed = NULL;
-    cotree_real to = COTREE_F(0.0);
+    cotree_real to_mode = COTREE_F(0.0);
     e->n_tried = 0;
     for (round = 0; round <= COTREE_FRICTION_ROUNDS(n); ++round) {
         record_trial(e);
@@ -554,27 +557,27 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
             /* The trial was singular (the forces are not unique): discard this mode set. */
             if (changed != NULL)
                 restore_modes(e);
-            else if (!close_stops(e, 0))
-                is_lost = 1;
-            if (is_lost && !e->is_impact) return fail_indeterminate(e, t);
+            else if (!set_stops(e, 0))
+                is_singular = 1;
+            if (is_singular && !e->is_impact) return fail_indeterminate(e, t);
             e->failure = 0;
-            if (is_lost) return COTREE_EVENTS_NONE;
+            if (is_singular) return COTREE_EVENTS_NONE;
             changed = NULL;
             continue;
         }
-        if (!is_begun) init_slack(e);
-        is_begun = 1;
+        if (!has_slack) init_slack(e);
+        has_slack = 1;
         if (evaluate_trial(e, t) != 0) return e->failure;
-        if (!find_pivot(e, t, &changed, &to)) return COTREE_EVENTS_FOUND;
-        if (changed == NULL) changed = find_untried_row(e, &to);
+        if (!find_pivot(e, t, &changed, &to_mode)) return COTREE_EVENTS_FOUND;
+        if (changed == NULL) changed = find_untried_row(e, &to_mode);
         if (changed == NULL) break;
         save_modes(e);
 #if COTREE_HAS_DISCS
-        if (cotree_is_disc(changed) && to == COTREE_F(1.0) &&
+        if (cotree_is_disc(changed) && to_mode == COTREE_F(1.0) &&
             cotree_begin_sliding(e, changed, t) != 0)
             return e->failure;
 #endif
-        set_mode(e, changed, to);
+        set_mode(e, changed, to_mode);
     }
     return COTREE_EVENTS_NONE;
 }
@@ -594,7 +597,8 @@ int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w)
     return fail_modes(e, t, 1, 1, COTREE_EVENTS_NO_MODES);
 }
 
-/* Return whether a stop moves, or is loaded, in the last trial, beyond rounding. */
+/* Return whether the acceleration of an open stop, or the force of a closed one, exceeds rounding
+ * in the last trial. */
 static int is_resolved(const cotree_events *e, const cotree_row *stop)
 {
     return stop->mode == COTREE_F(0.0)
@@ -623,7 +627,7 @@ int cotree_select_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int status;
     /* Start with all contacts closed and all friction sticking. */
-    close_stops(e, 1);
+    set_stops(e, 1);
     status = cotree_solve_modes(e, t, w);
     return status == 0 && e->has_contact_friction ? check_unique(e, t, w) : status;
 }

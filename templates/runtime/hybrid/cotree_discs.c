@@ -11,13 +11,13 @@
 
 #if COTREE_HAS_DISCS
 /* Maximum number of iterations for the sliding directions. */
-#define MAX_TURNS 200
+#define MAX_ROTATIONS 200
 
 /* Convergence tolerance of the sliding directions. */
 #define DIRECTION_TOL COTREE_SELECT(1e-14, 1e-6f)
 
-/* A direction is reset if the cosine of its angle to the slip is below this, that is, beyond 60
- * degrees. */
+/* A direction is set to that of the slip if the cosine of the angle between both is below this
+ * value (60 degrees). */
 #define LEAST_COSINE COTREE_F(0.5)
 
 static cotree_real dot(const cotree_real *a, const cotree_real *b)
@@ -46,7 +46,7 @@ static void set_direction(cotree_row *row, const cotree_real *along)
     for (c = 0; c < COTREE_COMPONENTS; ++c) row->direction[c] = along[c] / length;
 }
 
-/* Return the slip speed, and set the direction of friction if it slides. */
+/* Return the slip speed. Set the direction of friction if it did not slide or deviates too much. */
 cotree_real cotree_disc_speed(const cotree_events *e, cotree_row *row, cotree_real mode)
 {
     cotree_real slip[COTREE_COMPONENTS], speed;
@@ -73,12 +73,12 @@ int cotree_begin_sliding(cotree_events *e, cotree_row *row, cotree_real t)
 }
 
 /* Rotate the direction of one row towards its slip. Return the magnitude of the change. */
-static cotree_real turn(cotree_row *row, int round, const cotree_real *slip)
+static cotree_real rotate_direction(cotree_row *row, int round, const cotree_real *slip)
 {
     cotree_real change[COTREE_COMPONENTS];
-    cotree_real limit = COTREE_F(1.0) / length_of(slip); /* a change of one */
+    cotree_real limit = COTREE_F(1.0) / length_of(slip); /* change of length one */
     if (round > 0) {
-        /* The slip decreases with the direction by at most the largest slope so far. */
+        /* Limit the gain by the inverse of the largest slope of the slip over the direction. */
         cotree_real distance, fall;
         add(row->direction, -COTREE_F(1.0), row->last_direction, change);
         distance = length_of(change);
@@ -99,11 +99,11 @@ static cotree_real turn(cotree_row *row, int round, const cotree_real *slip)
 /* Rotate the directions of contacts that start to slide towards their accelerations or, in impacts,
  * towards the slip after the impact. Return whether any direction changed, so that the trial must
  * be evaluated again. */
-int cotree_turn_discs(cotree_events *e, int round)
+int cotree_rotate_directions(cotree_events *e, int round)
 {
     cotree_row *row;
     int c, has_changed = 0;
-    if (round >= MAX_TURNS) return 0;
+    if (round >= MAX_ROTATIONS) return 0;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         cotree_real slip[COTREE_COMPONENTS], least;
         if (!cotree_is_disc(row) || !row->is_active || row->mode != COTREE_F(1.0)) continue;
@@ -119,7 +119,7 @@ int cotree_turn_discs(cotree_events *e, int round)
         }
         /* A contact at its limit that does not slide yet keeps the direction of its force. */
         if (length_of(slip) <= least) continue;
-        has_changed = turn(row, round, slip) > DIRECTION_TOL || has_changed;
+        has_changed = rotate_direction(row, round, slip) > DIRECTION_TOL || has_changed;
     }
     return has_changed;
 }

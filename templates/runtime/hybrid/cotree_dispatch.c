@@ -15,15 +15,15 @@ int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side)
 /* Return a past time of an event; age 0 is the latest time. */
 static cotree_real recent_event_time(const cotree_events *e, int i, int age)
 {
-    const int place = (e->n_event_times[i] - 1 - age) % COTREE_EVENT_CROWD;
-    return e->event_times[i * COTREE_EVENT_CROWD + place];
+    const int slot = (e->n_event_times[i] - 1 - age) % COTREE_EVENT_CROWD;
+    return e->event_times[i * COTREE_EVENT_CROWD + slot];
 }
 
-/* Fail if the last n intervals of an event form a geometric series whose limit is less than
- * `longest` ahead. */
+/* Fail if the last n intervals between the times of an event form a geometric series whose limit is
+ * at most `longest` after t. */
 static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_real longest)
 {
-    cotree_real last, ratio, left;
+    cotree_real last, ratio, remaining;
     int k;
     if (e->n_event_times[i] < n + 1) return 0;
     for (k = 0; k < n; ++k) {
@@ -33,26 +33,26 @@ static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_re
     last = recent_event_time(e, i, 0) - recent_event_time(e, i, 1);
     ratio = last / (recent_event_time(e, i, 1) - recent_event_time(e, i, 2));
     for (k = 1; k < n - 1; ++k) {
-        const cotree_real own = (recent_event_time(e, i, k) - recent_event_time(e, i, k + 1)) /
-                                (recent_event_time(e, i, k + 1) - recent_event_time(e, i, k + 2));
-        if (COTREE_FABS(own - ratio) > SERIES_RATIO_RTOL * ratio) return 0;
+        const cotree_real other_ratio =
+            (recent_event_time(e, i, k) - recent_event_time(e, i, k + 1)) /
+            (recent_event_time(e, i, k + 1) - recent_event_time(e, i, k + 2));
+        if (COTREE_FABS(other_ratio - ratio) > SERIES_RATIO_RTOL * ratio) return 0;
     }
     if (ratio >= COTREE_F(1.0)) return 0;
-    left = last * ratio / (COTREE_F(1.0) - ratio);
-    if (!(left <= longest)) return 0;
-    e->detail = t + left;
+    remaining = last * ratio / (COTREE_F(1.0) - ratio);
+    if (!(remaining <= longest)) return 0;
+    e->detail = t + remaining;
     return cotree_fail(e, i, t, COTREE_EVENTS_ACCUMULATE);
 }
 
-/* Store the time of an event. Fail if its times accumulate or chatter. */
+/* Store the time of an event. Fail if its times accumulate, or if they are too close together. */
 static int count_event(cotree_events *e, int i, cotree_real t)
 {
-    /* Keeps the count within the range of int. */
+    /* Keep the count within the range of int. */
     if (e->n_event_times[i] >= 2 * COTREE_EVENT_CROWD) e->n_event_times[i] -= COTREE_EVENT_CROWD;
     e->event_times[i * COTREE_EVENT_CROWD + e->n_event_times[i] % COTREE_EVENT_CROWD] = t;
     ++e->n_event_times[i];
-    /* The rest threshold of a stop ends its series of impacts, and the series of slips at its
-     * contact. */
+    /* Series of impacts at a stop, and of slips at its contact, end at the rest threshold. */
     if (!cotree_is_gap(e, i) && !cotree_is_contact_slip(e->events + i) &&
         check_series(e, i, t, SERIES_LENGTH, SERIES_REMAINDER_SHARE * e->span) != 0)
         return e->failure;
@@ -159,11 +159,11 @@ static int has_just_fired(const cotree_events *e, int i)
 }
 
 /* Set the direction in which a jump is crossed, for both of its events. */
-void cotree_set_crossing_sign(cotree_events *e, int i, cotree_real way)
+void cotree_set_crossing_sign(cotree_events *e, int i, cotree_real sign)
 {
     int k;
     for (k = 0; k < e->n_events; ++k) {
-        if (k == i || cotree_is_of_same_jump(e, i, k)) e->crossing_sign[k] = way;
+        if (k == i || cotree_is_of_same_jump(e, i, k)) e->crossing_sign[k] = sign;
     }
 }
 
@@ -178,7 +178,7 @@ int cotree_has_curvature(const cotree_events *e, int i)
  * rate or, for jumps at zero rate, of its second derivative. */
 static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
 {
-    int i, is_known = 0, status = cotree_compute_values(e, t, w);
+    int i, has_curvature = 0, status = cotree_compute_values(e, t, w);
     cotree_copy(e->n_events, e->jumps.values, e->g);
     if (status == 0) status = cotree_update_scales(e, t, w, e->g);
     if (status == 0) status = cotree_compute_rates(e, t, w);
@@ -208,8 +208,8 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
     }
     for (i = 0; i < e->n_events && status == 0; ++i) {
         if (e->events[i].kind != COTREE_JUMP || e->samples[i] != COTREE_F(0.0)) continue;
-        if (!is_known) status = cotree_compute_curvature(e, t, w);
-        is_known = 1;
+        if (!has_curvature) status = cotree_compute_curvature(e, t, w);
+        has_curvature = 1;
         if (status == 0 && cotree_has_curvature(e, i))
             e->samples[i] = cotree_sign_of(e->curvature[i]);
     }
@@ -257,13 +257,13 @@ static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
 }
 
 /* Apply the located events, each in the direction of its crossing. n_fired: the number of events
- * applied; the sides are then those after the last one. */
+ * applied. e->side contains the signs after the last event. */
 static int apply_found(cotree_events *e, cotree_real t, cotree_real *w, int *n_fired)
 {
     int i, status = check_order(e, t, w);
     if (status == 0) status = cotree_compute_values(e, t, w);
     for (i = 0; i < e->n_events; ++i) {
-        /* A function that is zero counts as crossed in either direction. */
+        /* A function that is zero counts as having crossed zero. */
         if (COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i) &&
             (e->events[i].kind >= COTREE_JUMP || e->crossing_sign[i] != COTREE_F(0.0)))
             e->side[i] = e->crossing_sign[i];
@@ -288,8 +288,8 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w, int *n_f
 }
 
 /* Set the failure of an endless cascade, and mark the events of the last rounds. If all are jumps,
- * the motion slides along a switching surface. If no rate jumps, now or shortly afterwards, any
- * mode is valid. */
+ * the motion slides along a switching surface. If no rate jumps, now or shortly afterwards, all
+ * modes are valid and there is no failure. */
 static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_real later = t + CURVATURE_STEP_SHARE * e->span;
@@ -330,18 +330,18 @@ static int check_leaving(cotree_events *e, int i, cotree_real t, const cotree_re
                : cotree_fail(e, i, t, COTREE_EVENTS_LEAVES_JUMP);
 }
 
-/* Return whether the time is determined, by an earlier event or by a time event. At a kink all
- * rates are continuous, so that the time has no effect. */
+/* Return whether an earlier event or a time event determines the time. Kinks do not count, because
+ * their times have no effect: all rates are continuous. */
 static int has_fixed_time(const cotree_events *e)
 {
-    int k, is_decided = e->is_time_fixed;
+    int k, is_fixed = e->is_time_fixed;
     for (k = 0; k < e->n_events; ++k)
-        is_decided = is_decided || (e->has_fired[k] && !cotree_is_kink(e, k));
-    return is_decided;
+        is_fixed = is_fixed || (e->has_fired[k] && !cotree_is_kink(e, k));
+    return is_fixed;
 }
 
-/* Return whether another event, or an input, has made the function of an event of the scene zero,
- * with a rate of zero: its event occurs if it leaves zero to the other side. */
+/* Return whether another event, or an input, has set the function of a scene's event to zero, with
+ * zero rate. The event occurs if the function then leaves zero to the other side. */
 static int has_jumped_to_zero(const cotree_events *e, int i)
 {
     return e->events[i].kind < COTREE_JUMP && e->samples[i] == COTREE_F(0.0) && !e->has_fired[i];
@@ -382,7 +382,7 @@ static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
 /* Fail if an event function stays at zero with zero rate but has a nonzero second derivative. */
 static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
-    /* The mode selection covers the event functions of modes, and process_cascade covers jumps. */
+    /* The mode selection covers friction and gaps, and process_cascade covers jumps. */
     if (e->side[i] != COTREE_F(0.0) || e->terminal_event >= 0 || cotree_stays_at_zero(e, i) ||
         cotree_is_of_friction(e, i))
         return 0;
@@ -394,13 +394,13 @@ static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real 
 }
 
 /* Apply the located events at w, then the events that they trigger. slopes: derivatives of the time
- * by the parameters if no event determines it; NULL: none. */
+ * with respect to the parameters if no event determines it; NULL: zeros. */
 int cotree_apply_events(cotree_events *e, cotree_real t, cotree_real *w, int n_found,
                         const cotree_real *slopes)
 {
     int i, n_fired = 0, status = cotree_compute_rates(e, t, w);
     e->n_fired = e->is_mode_changed = 0;
-    /* A jump may move arguments to other branches. */
+    /* The events may move arguments to other branches. */
     cotree_release_branches(e);
     for (i = 0; i < e->n_events; ++i) {
         e->has_fired[i] = 0;

@@ -5,13 +5,12 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Limits of the interpolation error, in tolerances. Above the first one, a step is refined if an
- * event function is close to zero; above the second one, it is refined before a crossing is
- * located. */
+/* Limits of the interpolation error, in tolerances. A step is refined above the first limit if an
+ * event function is close to zero, and above the second limit before a crossing is located. */
 #define COARSE_TOLERANCES COTREE_F(1e3)
 #define FINE_TOLERANCES COTREE_F(4.0)
 
-/* The corresponding limit for kinks, at which errors only have second-order effects. */
+/* The second limit for kinks. Errors of their times only have second-order effects. */
 #define KINK_TOLERANCES COTREE_F(100.0)
 
 void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_real span,
@@ -128,7 +127,7 @@ static int evaluate_start(cotree_events *e, cotree_real t, const cotree_real *w)
 
 int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int i, n_found = 0, is_bent = 0, status = evaluate_start(e, t, w);
+    int i, n_found = 0, has_curvature = 0, status = evaluate_start(e, t, w);
     if (status == 0) status = cotree_compute_rates(e, t, w);
 #if COTREE_HAS_MODES
     if (status != 0) return cotree_fail_start(e, t, w);
@@ -140,12 +139,12 @@ int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
         const int is_zero = COTREE_FABS(e->g[i]) <= cotree_rounding_band(e, i);
         e->crossing_sign[i] = cotree_sign_of(is_zero ? e->rate_before[i] : e->g[i]);
         if (is_zero && e->rate_before[i] == COTREE_F(0.0) && !cotree_is_kink(e, i)) {
-            if (!is_bent) status = cotree_compute_curvature(e, t, w);
-            is_bent = 1;
+            if (!has_curvature) status = cotree_compute_curvature(e, t, w);
+            has_curvature = 1;
             e->crossing_sign[i] = cotree_sign_of(e->curvature[i]);
         }
         e->side[i] = e->crossing_sign[i];
-        /* The mode selection handles gaps that are closed at the start, by impacts or at rest. */
+        /* The mode selection handles gaps that are closed at the start. */
         e->is_found[i] = is_zero && !cotree_is_gap(e, i) && !cotree_is_kink(e, i) &&
                          e->events[i].direction != 0 &&
                          (cotree_real)e->events[i].direction == e->crossing_sign[i];
@@ -237,38 +236,38 @@ void cotree_events_restore(cotree_events *e, const cotree_real *from)
     cotree_copy(n * COTREE_EVENT_CROWD, from + 7 * n, e->event_times);
 }
 
-/* Find a crossing of event i in [a, b], where it has the values at_a and at_b. Write its time and
- * the side before it. from: the side at a; without a crossing it becomes the side at b. The bracket
- * starts at the last time at which the value was on that side. This may be before a, where the
- * value may be zero within rounding. A value that grazes zero is found with side zero if
- * sensitivities depend on whether it crosses. Return NONE, FOUND, a failure, or REFINE if the step
- * must be refined first. */
+/* Find a crossing of event function i in [a, b], with the values at_a and at_b at the ends. from:
+ * its sign at a. Write the time of the crossing to `at` and the sign before it to `from`; without a
+ * crossing, write the sign at b. The bracket starts at the last time with a nonzero value of this
+ * sign, which is before a if the value at a is zero within rounding. If sensitivities depend on
+ * whether an extremum crosses zero, a grazing extremum is a crossing with sign 0. Return NONE,
+ * FOUND, a failure, or REFINE if the step must be refined first. */
 int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_real b,
-                                 cotree_real at_a, cotree_real at_b, int is_turning,
-                                 cotree_real *at, cotree_real *from)
+                                 cotree_real at_a, cotree_real at_b, int may_turn, cotree_real *at,
+                                 cotree_real *from)
 {
     const cotree_real side = *from, least = cotree_zero_band(e, i);
     const cotree_real sign = COTREE_FABS(at_b) > least ? cotree_sign_of(at_b) : COTREE_F(0.0);
-    cotree_real turn, lowest;
+    cotree_real t_extremum, lowest;
     if (side * at_a > COTREE_F(0.0)) e->bracket_start[i] = a;
-    if (is_turning && side != COTREE_F(0.0) &&
-        cotree_find_extremum(e, i, a, b, side * at_a, side * at_b, side, &turn, &lowest)) {
+    if (may_turn && side != COTREE_F(0.0) &&
+        cotree_find_extremum(e, i, a, b, side * at_a, side * at_b, side, &t_extremum, &lowest)) {
         if (!e->is_fine) return REFINE;
         if (e->failure != 0) return e->failure;
         if (e->run->n_blocks > 1 && !cotree_is_kink(e, i) &&
             COTREE_FABS(lowest) <= GRAZING_TOLERANCES * cotree_tolerance(e, i) &&
-            (cotree_solution_at(e, turn, e->w) != 0 ||
-             (cotree_moves_extremum(e, i, turn, e->w, side) &&
-              !cotree_is_continuous(e, i, turn, e->w)))) {
-            *at = turn;
+            (cotree_solution_at(e, t_extremum, e->w) != 0 ||
+             (cotree_moves_extremum(e, i, t_extremum, e->w, side) &&
+              !cotree_is_continuous(e, i, t_extremum, e->w)))) {
+            *at = t_extremum;
             *from = COTREE_F(0.0);
             return e->failure != 0 ? e->failure : COTREE_EVENTS_FOUND;
         }
         if (lowest < -least) {
             const int is_first = cotree_is_in_direction(e, i, -side);
             *from = is_first ? side : -side;
-            *at = is_first ? cotree_locate_root(e, i, e->bracket_start[i], turn, side)
-                           : cotree_locate_root(e, i, turn, b, -side);
+            *at = is_first ? cotree_locate_root(e, i, e->bracket_start[i], t_extremum, side)
+                           : cotree_locate_root(e, i, t_extremum, b, -side);
             return e->failure != 0 ? e->failure : COTREE_EVENTS_FOUND;
         }
     }
@@ -286,7 +285,7 @@ int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_
     return COTREE_EVENTS_NONE;
 }
 
-/* Find the first crossing of one event function between the samples. Return as
+/* Find the first crossing of one event function between the samples. Return a status of
  * cotree_find_crossing_between. */
 static int find_crossing(cotree_events *e, int i)
 {
@@ -310,8 +309,8 @@ static int find_crossing(cotree_events *e, int i)
     return found;
 }
 
-/* Find the first crossing of all event functions. Return as find_crossing, or SHORTEN if there is
- * none before `until` and later times are undecided. */
+/* Find the first crossing of all event functions. Return a status of find_crossing, or SHORTEN if
+ * there is no crossing before `until` and later times are undecided. */
 static int find_crossings(cotree_events *e, int *first, cotree_real *until)
 {
     int i, status = COTREE_EVENTS_NONE;
@@ -342,7 +341,7 @@ static int find_at_end(cotree_events *e, int *first)
     const cotree_real *const g = e->samples + (SAMPLES - 1) * e->n_events;
     const cotree_real soon = COTREE_SELECT(1e-9, 1.2e-04f) * COTREE_FABS(e->t_after - e->t_before) +
                              COTREE_F(4.0) * cotree_spacing(e->t_after);
-    int i, is_known = 0, status = COTREE_EVENTS_NONE;
+    int i, has_rates = 0, status = COTREE_EVENTS_NONE;
     for (i = 0; i < e->n_events; ++i) {
         const cotree_real side = e->side[i];
         cotree_real rate;
@@ -350,11 +349,11 @@ static int find_at_end(cotree_events *e, int *first)
             COTREE_FABS(g[i]) > cotree_tolerance(e, i))
             continue;
         if (!cotree_is_in_direction(e, i, -side) || cotree_stays_at_zero(e, i)) continue;
-        if (!is_known && cotree_compute_rates(e, e->t_after, e->end) != 0) return e->failure;
-        is_known = 1;
+        if (!has_rates && cotree_compute_rates(e, e->t_after, e->end) != 0) return e->failure;
+        has_rates = 1;
         rate = e->jumps.rates[i];
         if (rate * side >= COTREE_F(0.0) || COTREE_FABS(g[i]) > soon * COTREE_FABS(rate)) continue;
-        is_known = 0;
+        has_rates = 0;
         if (side * cotree_side_after(e, i, e->t_after, e->end) > COTREE_F(0.0)) continue;
         e->is_found[i] = 1;
         e->root_time[i] = e->t_after;
@@ -378,8 +377,8 @@ static int compute_margin(cotree_events *e, int i)
     return 0;
 }
 
-/* Add the events that cross zero at the same point. At the end of a step, one of two simultaneous
- * events may be just outside the rounding band and the other one within it. */
+/* Add the other events that cross zero at the located point. At the end of a step, one of two
+ * simultaneous events may be just outside the rounding band and the other one within it. */
 static int add_simultaneous(cotree_events *e)
 {
     int i;
@@ -461,8 +460,8 @@ static int find_first_event(cotree_events *e)
                 const int is_now = e->is_found[i] && e->root_time[i] <= e->t + e->margin;
                 if (is_now && e->from_side[i] == COTREE_F(0.0))
                     return cotree_fail_grazing(e, i, e->root_time[i]);
-                /* Sticking friction keeps the remaining speed, so that each slip must end
-                 * separately. */
+                /* Each slip must end separately, because sticking friction keeps a remaining
+                 * speed. */
                 e->is_found[i] = i == first || (is_now && !cotree_is_of_friction(e, i));
                 /* The value may have crossed zero in the other direction before, without an
                  * event. */
@@ -538,9 +537,9 @@ int cotree_events_apply(cotree_events *e)
         if (!e->is_found[i] || !is_first || cotree_is_kink(e, i)) continue;
         is_first = 0;
         if (!(e->crossing_sign[i] * e->side[i] > COTREE_F(0.0))) continue;
-        /* The value left zero by less than rounding. For friction, the mode selection handles this;
-         * after an impact, the gap has no speed; at a continuous jump the step determines the
-         * side. */
+        /* The rate points away from zero, so the value crossed it only by rounding. For friction,
+         * the mode selection handles this; after an impact, the gap has no speed; at a continuous
+         * jump the step determines the side. */
         if (cotree_is_gap(e, i))
             e->unresolved_gap = i;
         else if (cotree_is_continuous(e, i, e->t, e->w))

@@ -23,16 +23,16 @@
 
 COTREE_BEGIN_DECLS
 
-/* Results. A status of COTREE_EVENTS_FAILED or above ends the run; event, failure_time and detail
- * then describe the failure. */
+/* Statuses. A status of COTREE_EVENTS_FAILED or above ends the run; the fields event, failure_time
+ * and detail then describe the failure. */
 typedef enum cotree_events_status {
     COTREE_EVENTS_NONE = 0,
     COTREE_EVENTS_FOUND = 1,
     COTREE_EVENTS_FAILED = 20,          /* a kernel or an algebraic equation cannot be evaluated */
     COTREE_EVENTS_NOT_FINITE = 21,      /* an event function is not finite */
     COTREE_EVENTS_SET_NOT_FINITE = 22,  /* a new value is not finite */
-    COTREE_EVENTS_CONTRADICT = 23,      /* new values violate constraint detail; -1: unknown */
-    COTREE_EVENTS_UNDERDETERMINED = 24, /* states are not determined: no sensitivities */
+    COTREE_EVENTS_CONTRADICT = 23,      /* new values violate constraint number detail, or -1 */
+    COTREE_EVENTS_UNDERDETERMINED = 24, /* new values leave states undetermined: no sensitivities */
     COTREE_EVENTS_REST_AT_ZERO = 25,    /* a value at rest at zero accelerates through zero */
     COTREE_EVENTS_GRAZING = 26,         /* the function only touches zero: no sensitivities */
     COTREE_EVENTS_ACCUMULATE = 27,      /* events accumulate at the time detail (Zeno) */
@@ -41,10 +41,10 @@ typedef enum cotree_events_status {
     COTREE_EVENTS_SLIDING = 40,     /* cascade of jumps: sliding along a switching surface */
     COTREE_EVENTS_LEAVES_JUMP = 41, /* a value leaves a switching surface on which it rested */
     COTREE_EVENTS_NOT_COMMUTING = 42,    /* order of simultaneous jumps matters: no sensitivities */
-    COTREE_EVENTS_NO_MODES = 43,         /* no consistent modes of friction and stops; has_fired */
+    COTREE_EVENTS_NO_MODES = 43,         /* no modes are consistent; has_fired marks their edges */
     COTREE_EVENTS_LOCKED_DIRECTION = 44, /* a one-way clutch turns in its locked direction */
     COTREE_EVENTS_NEGATIVE_GAP = 45,     /* the gap of a rigid stop is negative at the start */
-    COTREE_EVENTS_NO_IMPULSES = 46,      /* no consistent impulses of stops; has_fired */
+    COTREE_EVENTS_NO_IMPULSES = 46,      /* no impulses are consistent; has_fired marks stops */
     COTREE_EVENTS_COUPLED_IMPACTS = 47,  /* simultaneous impacts interact: no sensitivities */
     COTREE_EVENTS_BELOW_TOLERANCE = 48,  /* the speeds of impacts are below the error tolerance */
     COTREE_EVENTS_ENERGY_GAIN = 49,      /* an impact would increase the energy */
@@ -85,8 +85,8 @@ typedef struct cotree_events {
     cotree_real failure_time, detail; /* time of the failure; detail of the status */
     int *has_fired;
     long n_evaluations; /* number of evaluations of the rates */
-    /* The branches of piecewise functions frozen during a step: a separate copy of the last
-     * n_branches prepared values of the run. NULL (the default): kinks are not located. */
+    /* Branches of piecewise functions, which are frozen during a step: the last n_branches prepared
+     * values of the run. NULL (the default): kinks are not located. */
     cotree_real *branches;
 
     /* The rest is private. */
@@ -124,7 +124,7 @@ typedef struct cotree_events {
     cotree_real *stack;              /* ends of the intervals that are still to be bisected */
     cotree_real *from_side;          /* sign of the function before its crossing */
     cotree_real *bracket_start;      /* the last time at which the function had that sign */
-    int *is_candidate, *is_excluded; /* 1: may cross zero in this step; 1: bounds exclude zero */
+    int *is_candidate, *is_excluded; /* may cross zero in the step; bounds exclude zero */
 
     /* Arrays with one entry for each event function g. */
     cotree_real *g;             /* values of the event functions at the start of the step */
@@ -146,7 +146,7 @@ typedef struct cotree_events {
     cotree_real *shift;      /* 2 n_events: changes of the event functions across a jump */
 
     /* Unilateral constraints: dry friction, then loads, then rigid stops. */
-    int n_rows, n_frictions, n_stops, n_discs; /* numbers of rows, and of those of some types */
+    int n_rows, n_frictions, n_stops, n_discs; /* numbers of all rows, and by type */
     int has_contact_friction;                  /* 1: some friction acts at a contact */
     cotree_row *rows;
     int *stays_at_zero;      /* for each event function: 1 if its value stays at zero */
@@ -154,7 +154,7 @@ typedef struct cotree_events {
     int *is_impact_event;    /* for each event: 1 if it is part of the impact */
     cotree_real *zero_level; /* for a force at its limit: |g| below this level counts as zero */
     cotree_real *gap_at_release; /* |gap| at the time at which the stop opened */
-    cotree_real *trial;          /* entries w of the current trial, with its modes */
+    cotree_real *trial;          /* vector w of the current trial, with the trial's modes */
     cotree_real *saved_before;
     cotree_real *tried_codes; /* ring buffer: codes of the mode sets tried in this selection */
     int n_tried;
@@ -177,34 +177,34 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
 /* Apply the events whose functions cross zero at the start of a run. */
 int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* Apply the events whose functions jump through zero at a time event. slopes: the derivatives of
- * its time by the parameters, or NULL. */
+/* Apply the events whose functions jump through zero at a time event. slopes: derivatives of this
+ * time with respect to the parameters, or NULL. */
 int cotree_events_resume(cotree_events *e, cotree_real t, cotree_real *w,
                          const cotree_real *slopes);
 
-/* Continue where another integration ended, with unchanged states, modes and inputs. */
+/* Continue from the end of another integration, with unchanged states, modes and inputs. */
 int cotree_events_continue(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* Apply events just after their zeros, which an external integrator has passed. */
+/* Apply the events whose zeros an external integrator has just passed. */
 int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w);
 
 /* Select the modes of friction, stops and loads at a point, as at the start of a run. */
 int cotree_events_select_modes(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* Save and restore the event history, COTREE_EVENTS_SAVED numbers. */
+/* Save and restore the event history as an array of COTREE_EVENTS_SAVED numbers. */
 #define COTREE_EVENTS_SAVED(n_events) ((n_events) * (7 + COTREE_EVENT_CROWD))
 void cotree_events_save(const cotree_events *e, cotree_real *to);
 void cotree_events_restore(cotree_events *e, const cotree_real *from);
 
 /* Find the first events within the last step, from start to end. Return FOUND, NONE or a failure.
- * Later steps may reach t_end. h interpolates within the step where low accuracy suffices; its last
- * point is the end of the step. h may be NULL if calls of the solution function are inexpensive. */
+ * Later steps may reach t_end. h interpolates within the step if low accuracy suffices; its last
+ * point is the end of the step. h may be NULL if the solution function is inexpensive. */
 int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real *start,
                        cotree_real t_after, const cotree_real *end, cotree_real t_end,
                        const cotree_history *h);
 
-/* Select new branches at the end of the last step if leaves_branch is set. Points within the step
- * must be stored before, since they may be integrated on the old branches. */
+/* Select new branches at the end of the last step; call this if leaves_branch is set. Store points
+ * within the step first, because they may be integrated on the old branches. */
 int cotree_events_change_branches(cotree_events *e);
 
 /* Apply the events found by cotree_events_find. */

@@ -18,7 +18,7 @@
  * place. */
 #define TERM_ROUNDINGS COTREE_F(1e3)
 
-/* Rates below this fraction of the rate at the crossing count as zero. */
+/* Rates of an event function below this fraction of its rate before the event count as zero. */
 #define ZERO_RATE_SHARE COTREE_SELECT(1e-10, 4.3e-05f)
 
 /* Crossings shallower than this many error tolerances are grazing: they may be numerical errors. */
@@ -39,7 +39,7 @@
 
 #define SHORT_SERIES_LENGTH 3
 
-/* Relative tolerance for comparing states or rates of one point that is reached in two ways. */
+/* Relative difference below which two values of a state or of a rate count as equal. */
 #define SAME_RTOL COTREE_SELECT(1e-8, 3.5e-04f)
 
 /* The rates on both sides of a jump are compared at the event and at a second point,
@@ -82,8 +82,8 @@ enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 /* Values of at most this many rounding errors count as zero. */
 #define ZERO_ROUNDINGS COTREE_F(64.0)
 
-/* Forces within this fraction of a limit count as at the limit. It exceeds their rounding error,
- * which is that of the larger forces in the same system. */
+/* Forces within this fraction of a limit count as at the limit. This fraction exceeds their
+ * rounding error, which scales with the largest force in the system. */
 #define LIMIT_RTOL COTREE_F(1e-10)
 
 /* A constraint that opens at zero acceleration separates if its acceleration changes within the
@@ -96,7 +96,7 @@ enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 /* Largest number of mode sets that are enumerated if pivoting fails. */
 #define MAX_ENUMERATED 1000
 
-/* Relative tolerance for the sign of an impulse. */
+/* Impulses below this fraction of the largest impulse count as zero. */
 #define IMPULSE_RTOL COTREE_F(1e-9)
 
 /* Length of the ring buffer of mode sets that were tried. */
@@ -105,7 +105,7 @@ enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 /* Defined in cotree_events.c: */
 COTREE_PRIVATE int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a,
                                                 cotree_real b, cotree_real at_a, cotree_real at_b,
-                                                int is_turning, cotree_real *at, cotree_real *from);
+                                                int may_turn, cotree_real *at, cotree_real *from);
 
 /* Defined in cotree_scan.c: */
 COTREE_PRIVATE int cotree_has_range(const cotree_events *e, int i);
@@ -197,7 +197,7 @@ COTREE_PRIVATE void cotree_update_mode_sides(cotree_events *e, const cotree_real
 COTREE_PRIVATE cotree_real cotree_disc_speed(const cotree_events *e, cotree_row *row,
                                              cotree_real mode);
 COTREE_PRIVATE int cotree_begin_sliding(cotree_events *e, cotree_row *row, cotree_real t);
-COTREE_PRIVATE int cotree_turn_discs(cotree_events *e, int round);
+COTREE_PRIVATE int cotree_rotate_directions(cotree_events *e, int round);
 #endif
 
 /* Defined in cotree_complementarity.c: */
@@ -220,7 +220,7 @@ COTREE_PRIVATE int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real
 COTREE_PRIVATE void cotree_write_record(cotree_events *e, int i, cotree_real t);
 COTREE_PRIVATE int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side);
 COTREE_PRIVATE int cotree_fail_grazing(cotree_events *e, int i, cotree_real t);
-COTREE_PRIVATE void cotree_set_crossing_sign(cotree_events *e, int i, cotree_real way);
+COTREE_PRIVATE void cotree_set_crossing_sign(cotree_events *e, int i, cotree_real sign);
 COTREE_PRIVATE int cotree_has_curvature(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_apply_events(cotree_events *e, cotree_real t, cotree_real *w, int n_found,
                                        const cotree_real *slopes);

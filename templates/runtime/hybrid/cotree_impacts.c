@@ -18,7 +18,7 @@
 #define KERNEL_STRUCK COTREE_F(2.0)
 #define KERNEL_STICKS COTREE_F(3.0)
 
-/* In space, friction in mode -1 slides in the stored direction. */
+/* In an impact in space, friction in mode -1 slides in the stored direction. */
 #define KERNEL_SLIDES (-COTREE_F(1.0))
 
 /* Return whether a closed stop takes part in the impact. */
@@ -35,13 +35,15 @@ static void prepare_impulse(cotree_events *e)
     int c;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         const int is_stop = row->type == COTREE_ROW_STOP, is_disc = cotree_is_disc(row);
-        const int holds = row->type != COTREE_ROW_LOAD && cotree_is_holding(row);
+        const int is_holding = row->type != COTREE_ROW_LOAD && cotree_is_holding(row);
         row->kernel_mode = is_stop ? KERNEL_STRUCK * row->mode : row->mode;
-        /* Other sticking friction has a finite force, and hence no impulse. */
-        if (!is_stop && holds) row->kernel_mode = row->stop != NULL ? KERNEL_STICKS : COTREE_F(1.0);
+        /* Friction that is not at a contact has a finite force, and hence no impulse. */
+        if (!is_stop && is_holding)
+            row->kernel_mode = row->stop != NULL ? KERNEL_STICKS : COTREE_F(1.0);
         if (is_disc && row->mode == COTREE_F(1.0)) row->kernel_mode = KERNEL_SLIDES;
-        for (c = 0; c < COTREE_COMPONENTS; ++c) row->struck_events[c] = holds ? row->slips[c] : -1;
-        if (is_stop && holds) row->struck_events[0] = row->restitution_event;
+        for (c = 0; c < COTREE_COMPONENTS; ++c)
+            row->struck_events[c] = is_holding ? row->slips[c] : -1;
+        if (is_stop && is_holding) row->struck_events[0] = row->restitution_event;
     }
 }
 
@@ -109,8 +111,8 @@ static const cotree_row *find_lossy_load(const cotree_events *e)
     return NULL;
 }
 
-/* Set the modes of all stops to a multiple of the sides at which they are closed, those of other
- * rows to the modes at w, and evaluate the motion. */
+/* Evaluate the motion. The mode of each stop is `factor` times the side at which it is closed; the
+ * modes of all other rows are those at w. */
 static int evaluate_stops(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real factor)
 {
     cotree_row *row;
@@ -149,12 +151,12 @@ static int is_unresolved(const cotree_events *e, const cotree_row *stop)
     return stop->side != COTREE_F(0.0) && cotree_closed_gap(stop) == e->unresolved_gap;
 }
 
-/* Set the role of each stop: 1 if the impact starts there, 0 if not. A closed gap takes no part if
- * it opens (-2), or if sensitivities distinguish the time at which it closes from that of this
- * event (-1). Return the number of stops with role 1. */
+/* Set the role of each stop. 1: the impact starts there; 0: it may have an impulse; -1: it has
+ * none, because with sensitivities its impact is a separate event; -2: it has none, because it
+ * opens. Return the number of stops with role 1. */
 static int find_impact_roles(cotree_events *e, int fired)
 {
-    const int is_own = e->run->n_blocks > 1 && fired >= 0 && cotree_is_gap(e, fired);
+    const int is_separate = e->run->n_blocks > 1 && fired >= 0 && cotree_is_gap(e, fired);
     const cotree_real error = cotree_gap_rate_error(e);
     cotree_row *row;
     int n = 0;
@@ -163,15 +165,15 @@ static int find_impact_roles(cotree_events *e, int fired)
         if (row->type != COTREE_ROW_STOP) continue;
         row->impact_role = is_unresolved(e, row) || (row->side != COTREE_F(0.0) && rate < -least);
         if (!is_unresolved(e, row) && rate > COTREE_FMAX(least, error)) row->impact_role = -2;
-        if (is_own && cotree_closed_gap(row) != fired && row->impact_role > 0)
+        if (is_separate && cotree_closed_gap(row) != fired && row->impact_role > 0)
             row->impact_role = rate < -error ? -1 : 0;
         n += row->impact_role > 0;
     }
     return n;
 }
 
-/* Select the events whose targets include the changes of speed: those of restitution or, if the
- * rebound speed is below the threshold, those of rest. */
+/* Select the event that prescribes the change of speed at each stop: that of restitution or, if the
+ * rebound speed is below the rest threshold, that of rest. */
 static int select_restitution_events(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     cotree_row *row;
@@ -210,7 +212,6 @@ static void init_impact(cotree_events *e)
     }
 }
 
-/* Return the first stop. */
 static const cotree_row *first_stop(const cotree_events *e) { return END_OF_ROWS - e->n_stops; }
 
 /* Determine which stops have an impulse, and the modes of friction at their contacts. */
@@ -254,19 +255,20 @@ static int apply_impulse(cotree_events *e, int is_residual, cotree_real t, cotre
 }
 
 #if COTREE_HAS_DISCS
-/* By an impulse, remove the slip that remains when sliding in space ends. At very low speeds the
+/* Remove the slip that remains when sliding in space ends, by an impulse. At very low speeds the
  * direction of the slip is not resolved, and its components do not vanish together. */
 int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
 {
     cotree_row *row;
     int c, is_needed = 0;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
-        const int is_own = cotree_is_disc(row) && row->mode == COTREE_F(0.0) &&
-                           w[row->mode_state] == COTREE_F(1.0);
-        /* Closed stops stay closed; all other speeds across sticking edges remain constant. */
-        row->kernel_mode = is_own ? KERNEL_STICKS : row->mode;
-        for (c = 0; c < COTREE_COMPONENTS; ++c) row->struck_events[c] = is_own ? row->slips[c] : -1;
-        is_needed = is_needed || is_own;
+        const int ends_slip = cotree_is_disc(row) && row->mode == COTREE_F(0.0) &&
+                              w[row->mode_state] == COTREE_F(1.0);
+        /* The impulse changes no other speed across a sticking edge or a closed stop. */
+        row->kernel_mode = ends_slip ? KERNEL_STICKS : row->mode;
+        for (c = 0; c < COTREE_COMPONENTS; ++c)
+            row->struck_events[c] = ends_slip ? row->slips[c] : -1;
+        is_needed = is_needed || ends_slip;
     }
     return is_needed ? apply_impulse(e, 1, t, w) : 0;
 }
@@ -319,7 +321,7 @@ static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w, int 
 /* Repeat impacts at w until no closed gap has a negative rate. */
 int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
-    /* Events of the model itself, of kind 0, may set speeds; others cannot. */
+    /* Only events of the scene (kind 0) may set speeds; all others only change forces. */
     const int is_of_forces = fired >= 0 && e->events[fired].kind != 0;
     int round;
     for (round = 0; e->n_stops > 0 && round < COTREE_EVENT_ROUNDS; ++round) {

@@ -7,7 +7,7 @@
 #include "cotree_jumps_internal.h"
 
 /* Return the index of an event's last new value, its change of speed, among all new values. */
-static int speed_change_place(const cotree_jumps *j, int event)
+static int speed_change_index(const cotree_jumps *j, int event)
 {
     return cotree_first_new_value(j, event) + j->hybrid->events[event].n_targets - 1;
 }
@@ -23,15 +23,15 @@ static void set_required_changes(cotree_jumps *j, const cotree_row *rows, int n_
     for (i = 0; i < n_rows; ++i) {
         for (c = 0; c < COTREE_COMPONENTS && rows[i].speed_states[c] >= 0; ++c) {
             const int event = is_struck ? rows[i].struck_events[c] : -1;
-            const int at = event < 0 ? -1 : speed_change_place(j, event);
-            cotree_real *own = z + rows[i].speed_states[c];
-            *own = at < 0 ? COTREE_F(0.0) : j->new_values[at];
+            const int index = event < 0 ? -1 : speed_change_index(j, event);
+            cotree_real *change = z + rows[i].speed_states[c];
+            *change = index < 0 ? COTREE_F(0.0) : j->new_values[index];
             for (n = 0; n < N_SENSITIVITIES; ++n) {
-                own += N_STATES;
+                change += N_STATES;
                 /* The time of the impact also depends on the parameters. */
-                *own = at < 0 ? COTREE_F(0.0)
-                              : j->value_slopes[n * n_values + N_EVENTS + at] +
-                                    j->rates[N_EVENTS + at] * t_p[n];
+                *change = index < 0 ? COTREE_F(0.0)
+                                    : j->value_slopes[n * n_values + N_EVENTS + index] +
+                                          j->rates[N_EVENTS + index] * t_p[n];
             }
         }
     }
@@ -75,35 +75,35 @@ static void restore_modes(const cotree_row *rows, int n_rows, const cotree_real 
     }
 }
 
-/* Compute the point `after` from `before`, whose sensitivities are those at the time of the
- * impact. */
+/* Change the states and sensitivities j->after by the impact. On entry, the sensitivities include
+ * the change of the impact's time. */
 static int compute_impact(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_residual,
                           cotree_real t)
 {
     cotree_run *const run = j->run;
     const int n_forces = N_EVENTS * run->n_blocks;
     cotree_real *const with = j->response, *const without = with + run->n_full;
-    cotree_real *const forces = j->impulse_forces, *const idle = forces + n_forces;
+    cotree_real *const forces = j->impulse_forces, *const finite_forces = forces + n_forces;
     int c, i, n, status;
     cotree_rows_store(rows, n_rows, 1, j->after);
     set_required_changes(j, rows, n_rows, 1, j->after);
     status = evaluate_response(j, t, j->after, with, forces);
     set_required_changes(j, rows, n_rows, 0, j->after);
-    if (status == 0) status = evaluate_response(j, t, j->after, without, idle);
+    if (status == 0) status = evaluate_response(j, t, j->after, without, finite_forces);
     if (status != 0) return status;
-    for (i = 0; i < n_forces; ++i) forces[i] -= idle[i];
+    for (i = 0; i < n_forces; ++i) forces[i] -= finite_forces[i];
     for (n = 0; n < run->n_blocks; ++n) {
-        cotree_real *const own = j->after + n * N_STATES;
+        cotree_real *const block = j->after + n * N_STATES;
         for (i = 0; i < run->n_rates; ++i)
-            own[i] += with[n * N_STATES + i] - without[n * N_STATES + i];
+            block[i] += with[n * N_STATES + i] - without[n * N_STATES + i];
         for (i = 0; i < n_rows; ++i) {
             const cotree_row *const row = rows + i;
             const int has_impulse = row->type == COTREE_ROW_STOP && row->struck_events[0] >= 0;
             for (c = 0; c < COTREE_COMPONENTS && row->speed_states[c] >= 0; ++c) {
-                const int at = row->speed_states[c];
-                /* Unlike these forces, impulses are not multiplied by the sign of the side. */
-                own[at] = has_impulse ? forces[n * N_EVENTS + row->limits[0]] : COTREE_F(0.0);
-                if (is_residual) own[at] = j->before[n * N_STATES + at];
+                const int state = row->speed_states[c];
+                /* The stored impulse does not have the sign of the stop's side. */
+                block[state] = has_impulse ? forces[n * N_EVENTS + row->limits[0]] : COTREE_F(0.0);
+                if (is_residual) block[state] = j->before[n * N_STATES + state];
             }
         }
     }
@@ -148,8 +148,8 @@ int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_row *rows, int n_ro
     }
     if (status != 0) return status;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
-        cotree_real *const own = j->after + (1 + n) * N_STATES;
-        for (i = 0; i < run->n_rates; ++i) own[i] += j->time_sensitivity[n] * j->state_rates[i];
+        cotree_real *const block = j->after + (1 + n) * N_STATES;
+        for (i = 0; i < run->n_rates; ++i) block[i] += j->time_sensitivity[n] * j->state_rates[i];
     }
     status = compute_impact(j, rows, n_rows, is_residual, t);
     /* The sensitivities already include the rates before the impact. */
@@ -164,10 +164,10 @@ cotree_real cotree_jumps_target_value(const cotree_jumps *j, int event, int targ
 
 cotree_real cotree_jumps_speed_change(const cotree_jumps *j, int event)
 {
-    return j->new_values[speed_change_place(j, event)];
+    return j->new_values[speed_change_index(j, event)];
 }
 
 cotree_real cotree_jumps_speed_change_rate(const cotree_jumps *j, int event)
 {
-    return j->rates[N_EVENTS + speed_change_place(j, event)];
+    return j->rates[N_EVENTS + speed_change_index(j, event)];
 }

@@ -1,7 +1,7 @@
 /* cotree_jumps.c: evaluation of event functions, and of states and sensitivities after events. */
 #include "cotree_jumps_internal.h"
 
-/* Relative rounding error in the derivatives of an event time. */
+/* Relative difference up to which derivatives of event times count as equal. */
 #define SHARED_RTOL COTREE_SELECT(1e-9, 1e-4f)
 
 int cotree_is_contact_slip(const cotree_event *event)
@@ -64,7 +64,7 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
 #endif
 }
 
-/* Compute all states and the inputs at a point; t is moved into the segment. */
+/* Compute all states and the inputs at w. Move t into the current segment of the run. */
 static int complete_point(cotree_run *run, cotree_real *t, const cotree_real *w)
 {
     int status;
@@ -91,16 +91,16 @@ int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box, 
 int cotree_compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x)
 {
     cotree_run *const run = j->run;
-    const int cut = run->n_rates;
+    const int n_rated = run->n_rates;
     int i, status = cotree_run_inputs(run, t);
     if (status == 0) status = MODEL->rhs(t, x, run->u, run->p, run->k, j->state_rates);
     if (status != 0) return status;
-    for (i = cut; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
+    for (i = n_rated; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
     status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
 #if COTREE_HAS_ALGEBRAIC
-    if (status != 0 || cut == N_STATES) return status;
-    /* Residuals stay zero along the solution: g_x x' + g_t + g_z z' = 0. */
-    status = cotree_run_follow(run, t, x, j->rates + N_EVENTS + N_JUMPS, j->state_rates + cut);
+    if (status != 0 || n_rated == N_STATES) return status;
+    /* The rates z' of algebraic unknowns keep the residuals zero: g_x x' + g_t + g_z z' = 0. */
+    status = cotree_run_follow(run, t, x, j->rates + N_EVENTS + N_JUMPS, j->state_rates + n_rated);
     if (status != 0) return status;
     status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
 #endif
@@ -161,9 +161,9 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
     if (status == 0) status = MODEL->rhs(t, j->after, run->u, run->p, run->k, run->full);
     if (status != 0) return status;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
-        cotree_real *const own = s + n * N_STATES;
-        for (i = 0; i < run->n_rates; ++i) own[i] += t_p[n] * (j->state_rates[i] - run->full[i]);
-        for (; i < N_STATES; ++i) own[i] = COTREE_F(0.0);
+        cotree_real *const block = s + n * N_STATES;
+        for (i = 0; i < run->n_rates; ++i) block[i] += t_p[n] * (j->state_rates[i] - run->full[i]);
+        for (; i < N_STATES; ++i) block[i] = COTREE_F(0.0);
     }
 #if COTREE_HAS_CONSTRAINTS
     if (is_constrained)
@@ -245,9 +245,9 @@ int cotree_jumps_move_sensitivities(cotree_jumps *j, int event, const cotree_rea
     t = cotree_run_inside(run, t);
     status = evaluate_before(j, t, w);
     for (n = 0; n < N_SENSITIVITIES && status == 0; ++n) {
-        const cotree_real share = j->value_slopes[n * n_values + event] / slope;
-        cotree_real *const own = j->before + (1 + n) * N_STATES;
-        for (i = 0; i < run->n_rates; ++i) own[i] -= share * direction[i];
+        const cotree_real fraction = j->value_slopes[n * n_values + event] / slope;
+        cotree_real *const block = j->before + (1 + n) * N_STATES;
+        for (i = 0; i < run->n_rates; ++i) block[i] -= fraction * direction[i];
     }
     if (status == 0) cotree_run_narrow(run, t, j->before, w);
     return status;
@@ -285,7 +285,7 @@ static void set_time_sensitivity(cotree_jumps *j, int event)
     int n;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
         const cotree_real slope = j->value_slopes[n * (N_EVENTS + N_JUMPS) + event];
-        /* If there is no dependence, the derivative is zero, even at zero rate. */
+        /* If the function depends on no parameter, its time is fixed, even at zero rate. */
         j->time_sensitivity[n] = slope == COTREE_F(0.0) ? COTREE_F(0.0) : -slope / j->rates[event];
     }
 }

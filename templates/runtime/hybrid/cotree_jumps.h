@@ -3,8 +3,8 @@
  * Let f be the rates, g the event function and R(x) the states after the event; - and + denote
  * values before and after it. The derivatives of the event time with respect to the parameters are
  * t_p = -(g_x S- + g_p) / (g_x f- + g_t), and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. In
- * models with constraints, the states that the event sets are kept, and the others are projected
- * with minimum norm.
+ * models with constraints, the states that the event sets are kept, and all other states are
+ * projected onto the constraints with minimum norm.
  *
  * w is the vector that a run integrates. No memory is allocated. */
 #ifndef COTREE_JUMPS_H
@@ -41,22 +41,22 @@ typedef struct cotree_jumps {
 #endif
 } cotree_jumps;
 
-/* Return whether an event begins or ends slip at a contact, whose normal force is that of a stop:
- * its targets are the mode, the mode of the stop, and the impulse. */
+/* Return whether an event begins or ends slip at the contact of a stop. Its targets are then the
+ * mode of friction, the mode of the stop, and the impulse. */
 int cotree_is_contact_slip(const cotree_event *event);
 
 /* Initialise for a model that has events. */
 void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena);
 
-/* Compute values at w. */
+/* Compute j->values at w. */
 int cotree_jumps_values(cotree_jumps *j, cotree_real t, const cotree_real *w);
 
-/* Compute bounds of the event functions from bounds of the quantities. Constants in them are those
- * of the last computed point. */
+/* Compute bounds of the event functions from bounds of the quantities. All other values in them are
+ * those at the last evaluated point. */
 int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box,
                         cotree_real *ranges);
 
-/* Compute rates at w. */
+/* Compute j->rates at w. */
 int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w);
 
 /* Apply an event: change w, and write before, after and, unless the time is fixed,
@@ -72,20 +72,20 @@ int cotree_jumps_set_modes(cotree_jumps *j, const cotree_row *rows, int n_rows, 
                            cotree_real *w);
 
 /* Apply an impulse to the rows as part of the last event. Modes are unchanged. is_residual: 1 if
- * it removes errors of speeds, so that it is not recorded in the states. */
+ * the impulse only removes numerical errors of speeds, so that no state records it. */
 int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_residual,
                                cotree_real t, cotree_real *w);
 
 /* Compute the states after an impulse, without sensitivities, and write the changes of all event
- * functions, of which some are impulses, to impulse_forces. */
+ * functions, some of which are impulses, to impulse_forces. */
 int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_row *rows, int n_rows, cotree_real t,
                              const cotree_real *w, cotree_real *after);
 
 /* Compute the new values of all events at w. */
 int cotree_jumps_compute_new_values(cotree_jumps *j, cotree_real t, const cotree_real *w);
 
-/* Return the first new value of an event from the last evaluation, and whether it differs from the
- * current value. */
+/* Return the first new value of an event from the last evaluation, or whether this value differs
+ * from the current one. */
 cotree_real cotree_jumps_new_value(const cotree_jumps *j, int event);
 int cotree_jumps_changes_value(const cotree_jumps *j, int event);
 
@@ -121,7 +121,8 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
 /* Return the new value of one of an event's targets from the last evaluation. */
 cotree_real cotree_jumps_target_value(const cotree_jumps *j, int event, int target);
 
-/* Return the last new value of an event, a change of speed, and its rate. */
+/* Return the change of speed that an event prescribes (its last new value), or the rate of that
+ * value. */
 cotree_real cotree_jumps_speed_change(const cotree_jumps *j, int event);
 cotree_real cotree_jumps_speed_change_rate(const cotree_jumps *j, int event);
 

@@ -26,8 +26,8 @@ void cotree_copy(int n, const cotree_real *from, cotree_real *to)
     for (i = 0; i < n; ++i) to[i] = from[i];
 }
 
-/* Return the uncertainty of an event function: cotree_tolerance that due to the error test,
- * cotree_rounding_band that due to rounding. */
+/* Return the uncertainty of an event function: cotree_tolerance due to the error tolerances, and
+ * cotree_rounding_band due to rounding. */
 cotree_real cotree_tolerance(const cotree_events *e, int i)
 {
     return e->rtol * e->recent_scale[i] + e->atol;
@@ -74,8 +74,8 @@ cotree_real cotree_zero_band(const cotree_events *e, int i)
     return COTREE_FMAX(COTREE_FMAX(rounding, e->state_error[i]), cotree_tolerance(e, i));
 }
 
-/* Return the distance from zero below which extrema are examined; with sensitivities, grazing ones
- * are included. */
+/* Return the distance from zero below which extrema are examined. With sensitivities, it includes
+ * grazing extrema. */
 cotree_real cotree_detection_level(const cotree_events *e, int i)
 {
     const int has_grazing = e->run->n_blocks > 1 && !cotree_is_kink(e, i);
@@ -128,20 +128,20 @@ int cotree_is_of_same_jump(const cotree_events *e, int i, int k)
            e->events[i].targets[0] == e->events[k].targets[0];
 }
 
-/* Compute, across a jump, the changes of all rates and event functions, with their magnitudes, and
+/* Compute the changes of all rates (with their magnitudes) and event functions across a jump, and
  * the value of the jump's event function. */
 static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                          cotree_real *change, cotree_real *size, cotree_real *shift,
                          cotree_real *value)
 {
-    cotree_real *const x = e->both_sides, *const held = x + 6 * e->run->n_full;
-    const int n_pieces = e->branches == NULL ? 0 : e->n_branches;
+    cotree_real *const x = e->both_sides, *const frozen = x + 6 * e->run->n_full;
+    const int n_frozen = e->branches == NULL ? 0 : e->n_branches;
     int k, status;
-    /* The frozen branches are only valid on one side. */
-    cotree_copy(n_pieces, e->branches, held);
+    /* The frozen branches are only valid on the current side. */
+    cotree_copy(n_frozen, e->branches, frozen);
     cotree_release_branches(e);
     status = cotree_jumps_sides(&e->jumps, i, t, w, x, change, size);
-    cotree_copy(n_pieces, held, e->branches);
+    cotree_copy(n_frozen, frozen, e->branches);
     for (k = 0; k < e->run->n_rates; ++k) {
         const cotree_real now = change[k], other = size[k];
         change[k] = other - now;
@@ -153,7 +153,7 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     for (k = 0; k < e->n_events; ++k) {
         const int mode = e->events[k].subtracts_mode ? e->events[k].targets[0] : 0;
         shift[k] -= e->jumps.values[k];
-        /* This function is a value minus a mode, so it changes with the mode. */
+        /* The function is a value minus a mode: count only the change of the value. */
         if (e->events[k].subtracts_mode) shift[k] += x[mode] - w[mode];
     }
     *value = e->jumps.values[i];
@@ -161,11 +161,11 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
 }
 
 /* Return whether a change, extrapolated from w and a second point, is zero at the switching
- * surface. share: g / (g_aside - g). A nan counts as a jump. */
-static int vanishes_at_surface(cotree_real change, cotree_real aside, cotree_real share,
+ * surface. fraction: g / (g_aside - g). A nan counts as a jump. */
+static int vanishes_at_surface(cotree_real change, cotree_real aside, cotree_real fraction,
                                cotree_real least)
 {
-    const cotree_real at_zero = change - share * (aside - change);
+    const cotree_real at_zero = change - fraction * (aside - change);
     return COTREE_FMIN(COTREE_FABS(change), COTREE_FABS(at_zero)) <=
            COTREE_FMAX(least, COTREE_FABS(aside) / ASIDE_TOLERANCES);
 }
@@ -180,18 +180,19 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
     cotree_real *const point = size + stride, *const aside = point + stride,
                        *const size_aside = aside + stride;
     cotree_real *const shift = e->shift, *const shift_aside = e->shift + e->n_events;
-    cotree_real far = COTREE_F(1.0), g, g_aside = COTREE_F(0.0), share = COTREE_F(0.0);
+    cotree_real n_tolerances = COTREE_F(1.0), g, g_aside = COTREE_F(0.0), fraction = COTREE_F(0.0);
     int k, m, status, is_same = 1, is_finite = 1;
     if (e->events[i].kind != COTREE_JUMP) return 0;
     status = compare_sides(e, i, t, w, change, size, shift, &g);
     for (m = 0; m < MAX_ASIDE_POINTS && status == 0; ++m) {
-        far *= ASIDE_TOLERANCES;
+        n_tolerances *= ASIDE_TOLERANCES;
         for (k = 0; k < n; ++k) {
             /* Each state changes by a different fraction, so that differences of states change,
-             * too. A state without a rate may be a mode. */
+             * too. States without a rate may be modes, so they are not changed. */
             const cotree_real known = e->rtol * COTREE_FABS(w[k]) + e->atol;
-            point[k] =
-                size[k] == COTREE_F(0.0) ? w[k] : w[k] + far * (cotree_real)(1 + k % 7) * known;
+            point[k] = size[k] == COTREE_F(0.0)
+                           ? w[k]
+                           : w[k] + n_tolerances * (cotree_real)(1 + k % 7) * known;
         }
         status = compare_sides(e, i, t, point, aside, size_aside, shift_aside, &g_aside);
         for (k = 0; k < n; ++k) is_finite = is_finite && COTREE_FABS(aside[k]) <= COTREE_MAX;
@@ -201,16 +202,16 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
         cotree_copy(n, change, aside);
         cotree_copy(e->n_events, shift, shift_aside);
     }
-    if (is_finite && g_aside != g) share = g / (g_aside - g);
+    if (is_finite && g_aside != g) fraction = g / (g_aside - g);
     for (k = 0; k < n && status == 0; ++k) {
         const cotree_real least = (e->rtol * COTREE_FABS(w[k]) + e->atol) / e->span;
-        is_same = is_same && vanishes_at_surface(change[k], aside[k], share,
+        is_same = is_same && vanishes_at_surface(change[k], aside[k], fraction,
                                                  COTREE_FMAX(least, SAME_RTOL * size[k]));
     }
     for (k = 0; k < e->n_events && status == 0; ++k) {
         if (e->events[k].kind != COTREE_JUMP) continue;
-        is_same =
-            is_same && vanishes_at_surface(shift[k], shift_aside[k], share, cotree_tolerance(e, k));
+        is_same = is_same &&
+                  vanishes_at_surface(shift[k], shift_aside[k], fraction, cotree_tolerance(e, k));
     }
     for (k = 0; k < e->n_events && status == 0; ++k) {
         if (cotree_is_of_same_jump(e, i, k)) e->is_continuous[k] = is_same;
@@ -218,7 +219,8 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
     return status == 0 && is_same;
 }
 
-/* Take a short step, forwards or backwards, and project its end. result must differ from w. */
+/* Take a short step, forwards or backwards, and project its end onto the constraints. result must
+ * not be w. */
 static int take_short_step(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real step,
                            cotree_real *result)
 {
@@ -236,23 +238,23 @@ static int is_stable_step(const cotree_events *e, const cotree_real *w, cotree_r
 {
     int i;
     for (i = 0; i < e->n; ++i) {
-        const cotree_real change = e->other[i] - w[i], rest = step * e->slope[i] - change;
+        const cotree_real change = e->other[i] - w[i], error = step * e->slope[i] - change;
         const cotree_real least = e->rtol * COTREE_FABS(w[i]) + e->atol;
-        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* also true for nan */
+        if (!(COTREE_FABS(error) <= COTREE_FABS(change) + least)) return 0; /* also for nan */
     }
     return 1;
 }
 
-/* Return the sign of a value that is zero at w, after a short step from w. The rate at w may be
- * that of a branch that ends there. That rate is used if the value remains near zero, as at the end
- * of a span. */
+/* Return the sign of an event function that is zero at w, after a short step from w: the rate at w
+ * may belong to a branch that ends there. If the value remains near zero, return the sign of the
+ * rate. */
 cotree_real cotree_side_after(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     cotree_real far, near, rate, step = CURVATURE_STEP_SHARE * e->span;
     if (cotree_compute_values(e, t, w) != 0 || cotree_compute_rates(e, t, w) != 0)
         return COTREE_F(0.0);
     near = COTREE_FMAX(COTREE_FABS(e->jumps.values[i]), cotree_rounding_band(e, i));
-    /* Larger than the rounding error of the states, which the event function may amplify. */
+    /* The step must exceed rounding errors of the states, which the event function may amplify. */
     far = COTREE_FMAX(COTREE_F(4.0) * near, cotree_tolerance(e, i));
     rate = e->jumps.rates[i];
     if (far < step * COTREE_FABS(rate)) step = far / COTREE_FABS(rate);
@@ -263,8 +265,7 @@ cotree_real cotree_side_after(cotree_events *e, int i, cotree_real t, const cotr
                                                   : cotree_sign_of(rate);
 }
 
-/* Compute the second time derivatives of all event functions by differences. Only their magnitudes
- * are used. */
+/* Compute the second time derivatives of all event functions by forward differences. */
 int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_real step = CURVATURE_STEP_SHARE * e->span;
@@ -293,8 +294,8 @@ int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* Return by how much an event function must cross zero to count: for a force at its limit, by more
- * than it varies there; for a slip that has not left zero by more than its error, by this error. */
+/* Return the distance by which an event function must cross zero to count as crossed: for a force
+ * at its limit, its zero level; for a slip that stays at zero, its rounding band. */
 static cotree_real crossing_margin(const cotree_events *e, int i)
 {
     if (e->n_frictions == 0 || !e->stays_at_zero[i]) return COTREE_F(0.0);
@@ -315,8 +316,8 @@ static cotree_real rate_at(cotree_events *e, int i, cotree_real t)
     return cotree_compute_rates(e, t, e->point) == 0 ? e->jumps.rates[i] : COTREE_F(0.0);
 }
 
-/* Return the value at a time that is one short step from the start of the last step. Write the
- * point to other. */
+/* Return the value at t, computed by one short step from the start of the last step. Write the
+ * point to e->other. */
 static cotree_real value_after_step(cotree_events *e, int i, cotree_real t)
 {
     const cotree_real step = t - e->t_before;
@@ -388,13 +389,13 @@ int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
 {
     int i;
     for (i = 0; i < e->n_events; ++i) {
-        const cotree_real counted =
+        const cotree_real mode =
             e->events[i].subtracts_mode ? COTREE_FABS(w[e->events[i].targets[0]]) : COTREE_F(0.0);
         if (!(COTREE_FABS(g[i]) <= COTREE_MAX)) {
             if (cotree_is_kink(e, i)) continue;
             return cotree_fail(e, i, t, COTREE_EVENTS_NOT_FINITE);
         }
-        e->value_scale[i] = cotree_larger(e->value_scale[i], COTREE_FABS(g[i]) + counted);
+        e->value_scale[i] = cotree_larger(e->value_scale[i], COTREE_FABS(g[i]) + mode);
         e->recent_scale[i] = cotree_larger(e->recent_scale[i], COTREE_FABS(g[i]));
     }
     return 0;
@@ -515,7 +516,7 @@ int cotree_solution_at(cotree_events *e, cotree_real t, cotree_real *w)
     return e->solution(t, w, e->context) == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* Return the rate of a value on one side of zero, one short step from w. Write the point to
+/* Return the rate of an event function, times `side`, one short step from w. Write the point to
  * result. */
 static cotree_real rate_beside(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                                cotree_real step, cotree_real side, cotree_real *result)
@@ -525,9 +526,9 @@ static cotree_real rate_beside(cotree_events *e, int i, cotree_real t, const cot
                                                           : COTREE_F(0.0);
 }
 
-/* Return whether a parameter moves the value at an extremum near w. The value at a kink does not
- * move if the zeros on both sides have the same derivatives of time; that at a smooth extremum does
- * not move if its derivatives are zero. */
+/* Return whether the value at an extremum near w depends on a parameter. At a kink it does not if
+ * the zeros on both sides have the same derivatives of time; at a smooth extremum, if its
+ * derivatives are zero. */
 int cotree_moves_extremum(cotree_events *e, int i, cotree_real t, cotree_real *w, cotree_real side)
 {
     cotree_real low, high = COTREE_F(8.0) * cotree_spacing(t);
@@ -599,8 +600,9 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
     return 0;
 }
 
-/* Find a root that is so close to the start that interpolation does not resolve it. Return whether
- * there is one. If no short step resolves it either, use the integrator's solution. */
+/* Find a root that is so close to the start of the step that interpolation does not resolve it.
+ * Return whether there is one. If no short step resolves it either, use the integrator's
+ * solution. */
 static int find_root_near_start(cotree_events *e, int i, cotree_real side)
 {
     cotree_real width = e->t_after - e->t_before;

@@ -74,15 +74,15 @@ static int find_slip(cotree_events *e, cotree_row *row, cotree_real t, const cot
     cotree_real near = ZERO_ROUNDINGS * (COTREE_SCAN_ROUNDING * e->value_scale[i] +
                                          cotree_spacing(t) * COTREE_FABS(rate));
     near = COTREE_FMAX(near, cotree_rounding_band(e, i));
-    /* In mode -1 the slip rate has the opposite sign: the sum is the difference of the
-     * accelerations. */
+    /* In mode -1 the slip rate has the opposite sign, so the sum is the difference of the
+     * accelerations in both modes. */
     row->acceleration_scale =
         COTREE_FMAX(COTREE_FABS(row->acceleration_scale + rate),
                     COTREE_FMAX(COTREE_FABS(row->acceleration_scale), COTREE_FABS(rate)));
-    /* A one-way clutch whose backward slip rate is below a tolerance is at rest. */
+    /* A one-way clutch whose backward slip rate is below the tolerance is at rest. */
     if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && is_one_way))
         near = COTREE_FMAX(near, cotree_tolerance(e, i));
-    /* All contacts of one body stop slipping together. */
+    /* If one contact of a body stops slipping, its other contacts stop at the same time. */
     if (is_end && is_disc) near = COTREE_FMAX(near, UNRESOLVED_SLIP);
     /* The direction of a slip below the tolerance is numerical noise. */
     if (is_disc && fired >= 0 && fired == row->direction_event && e->run->n_blocks == 1)
@@ -90,8 +90,8 @@ static int find_slip(cotree_events *e, cotree_row *row, cotree_real t, const cot
     if (mode == COTREE_F(0.0) && row->stop != NULL)
         near = COTREE_FMAX(near, cotree_gap_rate_error(e));
     row->is_active = i == fired || e->is_stepped_over[i] || COTREE_FABS(v) <= near;
-    /* Friction sticks again when its slip starts: the force reaches its limit, but does not exceed
-     * it. */
+    /* Friction sticks again at the time its slip started if the force reaches its limit but does
+     * not exceed it. */
     row->is_resticking = i == fired && t - row->slide_start <= COTREE_F(4.0) * cotree_spacing(t);
     if (row->engaged >= 0 &&
         cotree_moving_side(e, row->engaged, t, e->value_scale[row->engaged]) <= COTREE_F(0.0)) {
@@ -114,8 +114,7 @@ static int find_slip(cotree_events *e, cotree_row *row, cotree_real t, const cot
     return 0;
 }
 
-/* Determine whether a stop is active, which is closed with zero gap rate, and set its mode to
- * open. */
+/* Determine whether a stop is active: it is closed, and its gap rate is zero. */
 static void find_gap(cotree_events *e, cotree_row *row)
 {
     row->is_active =
@@ -127,7 +126,7 @@ static void find_gap(cotree_events *e, cotree_row *row)
                     COTREE_FABS(cotree_jumps_speed_change_rate(&e->jumps, row->event)));
 }
 
-/* Find the active rows, and set the modes of the others. */
+/* Find the active rows, and set the modes of all other friction rows. */
 static int find_active(cotree_events *e, cotree_real t, const cotree_real *w, int fired)
 {
     cotree_row *row;
@@ -148,8 +147,8 @@ static int find_active(cotree_events *e, cotree_real t, const cotree_real *w, in
     return status;
 }
 
-/* Set whether a force stays at its limit, as it does if both limits are zero, and for a load at
- * zero. The zero level grows each time the force crosses zero without effect. */
+/* Determine whether a force stays at its limit (as if both limits are zero), or a load at zero. The
+ * zero level grows each time the force crosses zero without effect. */
 static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back, cotree_real t,
                               int fired)
 {
@@ -178,7 +177,7 @@ static void update_zero_levels(cotree_events *e, cotree_row *row, cotree_real t,
         if (row->type == COTREE_ROW_FRICTION && limit >= 0)
             update_zero_level(e, limit, cotree_is_holding(row), row->is_resticking, t, fired);
         if (gap < 0) continue;
-        /* A closed gap that is free to open. */
+        /* The gap of an active stop that opens is still zero. */
         e->stays_at_zero[gap] = is_free && gap == cotree_closed_gap(row);
         e->gap_at_release[gap] = e->stays_at_zero[gap] ? row->gap : COTREE_F(0.0);
     }
@@ -187,10 +186,10 @@ static void update_zero_levels(cotree_events *e, cotree_row *row, cotree_real t,
 /* Return whether a row has another mode or direction than at w. */
 static int is_changed(const cotree_row *row, const cotree_real *w)
 {
-    int c, is_turned = 0;
+    int c, is_rotated = 0;
     for (c = 0; c < COTREE_COMPONENTS && row->direction_states[c] >= 0; ++c)
-        is_turned = is_turned || row->direction[c] != w[row->direction_states[c]];
-    return is_turned || row->mode != w[row->mode_state];
+        is_rotated = is_rotated || row->direction[c] != w[row->direction_states[c]];
+    return is_rotated || row->mode != w[row->mode_state];
 }
 
 /* Resolve impacts and select all modes at w, after an event or a jump of inputs. Changes of mode
@@ -244,13 +243,13 @@ int cotree_was_selected(const cotree_events *e, int i)
     return 0;
 }
 
-/* Set the signs of the event functions of friction and loads, and of gaps that are closed but free
- * to open. */
+/* Set the signs of event functions that stay at zero: those of friction and loads, and gaps of
+ * stops that may open. */
 void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
 {
     const cotree_row *row;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
-        const int gap = cotree_closed_gap(row), grip = row->engaged;
+        const int gap = cotree_closed_gap(row), engaged = row->engaged;
         if (row->type == COTREE_ROW_STOP) {
             /* The gap may be negative within the tolerance of closed gaps. */
             if (row->side != COTREE_F(0.0) &&
@@ -264,7 +263,7 @@ void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
             e->side[row->limits[0]] = COTREE_F(1.0);
         if (row->limits[1] >= 0 && e->stays_at_zero[row->limits[1]])
             e->side[row->limits[1]] = COTREE_F(1.0);
-        if (grip >= 0 && e->side[grip] == COTREE_F(0.0)) e->side[grip] = -COTREE_F(1.0);
+        if (engaged >= 0 && e->side[engaged] == COTREE_F(0.0)) e->side[engaged] = -COTREE_F(1.0);
     }
 }
 #endif

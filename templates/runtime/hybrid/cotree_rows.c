@@ -271,8 +271,9 @@ int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w
     if (e->n_rows == 0) return 0;
     cotree_copy(e->n, w, e->trial);
     for (i = 0; i < e->run->n_rates; ++i) {
-        const cotree_real own = COTREE_FMOD(GOLDEN_SHARE * (cotree_real)(i + 1), COTREE_F(1.0));
-        e->trial[i] += TERM_SHARE * (COTREE_F(0.5) + own) * w[i];
+        const cotree_real fraction =
+            COTREE_FMOD(GOLDEN_SHARE * (cotree_real)(i + 1), COTREE_F(1.0));
+        e->trial[i] += TERM_SHARE * (COTREE_F(0.5) + fraction) * w[i];
     }
     status = cotree_jumps_compute_new_values(&e->jumps, t, w);
     for (row = e->rows; row < END_OF_ROWS; ++row)

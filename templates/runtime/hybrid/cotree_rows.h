@@ -11,7 +11,7 @@
  * of any other row is at a limit. In an impact the same holds for impulses and speeds.
  *
  * Friction on a plane in space is one row with two components, and that of a ball joint has three.
- * It slides in the direction of its slip, which is stored in as many states, in mode 1. */
+ * In mode 1 it slides in the direction of its slip, which is stored in as many states. */
 #ifndef COTREE_ROWS_H
 #define COTREE_ROWS_H
 
@@ -31,7 +31,7 @@ typedef struct cotree_row {
 
     /* Indices of events and states; -1: there is none. */
     int event;           /* slip rate of friction, load, or rebound speed of a stop */
-    int limits[2];       /* distances of friction from both limits; contact force of a stop */
+    int limits[2];       /* distances of a friction force from its limits; force of a stop */
     int engaged;         /* value that is positive while a clutch is engaged */
     int gaps[2];         /* gaps of a stop at its upper and at its lower limit */
     int direction_event; /* angle by which the direction of sliding may still turn */
@@ -57,7 +57,7 @@ typedef struct cotree_row {
     cotree_real
         direction[COTREE_COMPONENTS]; /* direction of sliding in space; other components: 0 */
     cotree_real saved_direction[COTREE_COMPONENTS];
-    cotree_real last_direction[COTREE_COMPONENTS]; /* last iteration for this direction */
+    cotree_real last_direction[COTREE_COMPONENTS]; /* values in the last iteration */
     cotree_real last_slip[COTREE_COMPONENTS];
     cotree_real gain; /* change of the direction per unit of slip in this iteration */
 
@@ -67,7 +67,7 @@ typedef struct cotree_row {
     cotree_real gap_rate;     /* rate of the closed gap */
     cotree_real largest_rate; /* largest magnitude of the gap rate in the run so far */
     cotree_real rate_terms;   /* magnitude of the terms whose sum is the gap rate, at the start */
-    cotree_real largest_acceleration; /* largest magnitude in the run so far */
+    cotree_real largest_acceleration; /* largest magnitude so far */
     cotree_real later_acceleration;   /* acceleration shortly after the event */
     cotree_real required_rate;        /* gap rate that restitution requires after the impact */
     int was_closed;                   /* 1: closed before the impact */

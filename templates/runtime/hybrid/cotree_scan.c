@@ -1,9 +1,9 @@
 /* cotree_scan.c: interval bounds of nonlinear event functions, and the search for their zeros.
  *
  * The kernel event_ranges bounds an event function and its rate over an interval, given bounds of
- * the quantities on which it depends. The intervals of a step are bisected until the function has
- * no zero in each, or its rate has one sign, so that the signs at both ends show whether it crosses
- * zero. */
+ * the quantities on which it depends. The intervals of a step are bisected until, in each one, the
+ * function has no zero or its rate has one sign. Its signs at both ends then show whether it
+ * crosses zero. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
@@ -31,7 +31,8 @@ static void set_bounds_between(cotree_events *e, const cotree_real *a, const cot
     }
 }
 
-/* Compute the ranges over an interval. Constants in them are those of the last evaluation. */
+/* Compute the ranges over an interval. All values except quantities are those at the last
+ * evaluation. */
 int cotree_compute_ranges(cotree_events *e, cotree_real t)
 {
     const int status = e->kernel_status = cotree_jumps_ranges(&e->jumps, t, e->box, e->ranges);
@@ -39,7 +40,7 @@ int cotree_compute_ranges(cotree_events *e, cotree_real t)
 }
 
 /* Classify an event function over an interval of the given width, from its range and its values at
- * both ends. If one is nan, it is undecided. */
+ * both ends. If any of these is nan, the function is undecided. */
 int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
                           cotree_real at_b, cotree_real width)
 {
@@ -139,9 +140,9 @@ static int list_candidates(cotree_events *e)
         cotree_real low = q[i], high = q[i], slow = COTREE_INFINITY, fast = -COTREE_INFINITY,
                     bend = COTREE_F(0.0);
         for (k = 1; k < SAMPLES; ++k) {
-            const cotree_real own = q[k * n + i], step = own - q[(k - 1) * n + i];
-            low = cotree_smaller(low, own);
-            high = cotree_larger(high, own);
+            const cotree_real value = q[k * n + i], step = value - q[(k - 1) * n + i];
+            low = cotree_smaller(low, value);
+            high = cotree_larger(high, value);
             slow = cotree_smaller(slow, step);
             fast = cotree_larger(fast, step);
             if (k > 1)
@@ -197,13 +198,13 @@ static int cross_interval(cotree_events *e, const cotree_real *left, const cotre
 {
     int i, found = COTREE_EVENTS_NONE;
     for (i = 0; i < e->n_events; ++i) {
-        int own;
+        int status;
         if (!e->is_candidate[i] || e->is_excluded[i]) continue;
-        own = cotree_find_crossing_between(e, i, left[0], right[0], VALUES_OF(left)[i],
-                                           VALUES_OF(right)[i], e->is_near[i], e->root_time + i,
-                                           e->from_side + i);
-        if (own > COTREE_EVENTS_FOUND) return own;
-        e->is_found[i] = own == COTREE_EVENTS_FOUND;
+        status = cotree_find_crossing_between(e, i, left[0], right[0], VALUES_OF(left)[i],
+                                              VALUES_OF(right)[i], e->is_near[i], e->root_time + i,
+                                              e->from_side + i);
+        if (status > COTREE_EVENTS_FOUND) return status;
+        e->is_found[i] = status == COTREE_EVENTS_FOUND;
         if (e->is_found[i]) found = COTREE_EVENTS_FOUND;
     }
     return found;
@@ -221,8 +222,9 @@ static int is_before_crossings(const cotree_events *e, const cotree_real *mark)
     return 1;
 }
 
-/* Find the first crossings of nonlinear event functions in a step. Return as find_crossings;
- * SHORTEN if there is none before `until` and later intervals are undecided. */
+/* Find the first crossings of nonlinear event functions in a step. Return a status of
+ * find_crossings: SHORTEN if there is no crossing before `until` and later intervals are
+ * undecided. */
 int cotree_scan_ranges(cotree_events *e, cotree_real *until)
 {
     cotree_real *const left = ENTRY(e, MAX_DEPTH + 1);
