@@ -564,46 +564,48 @@ const char *cotree_events_message(int status)
     case COTREE_EVENTS_CONTRADICT:
         return "its new values contradict the constraints";
     case COTREE_EVENTS_UNDERDETERMINED:
-        return "its new values do not determine all states, which then have no sensitivities";
+        return "its new values do not determine all states, so that sensitivities do not exist";
     case COTREE_EVENTS_REST_AT_ZERO:
-        return "it leaves no speed away from zero, so that the motion passes through it";
+        return "it leaves no speed away from zero, so that the motion continues through it";
     case COTREE_EVENTS_GRAZING:
-        return "its function only touches zero, where sensitivities are not defined";
+        return "its function only touches zero, so that sensitivities do not exist";
     case COTREE_EVENTS_ACCUMULATE:
         return "it recurs ever faster and accumulates";
     case COTREE_EVENTS_CHATTER:
-        return "it recurs too often: it chatters";
+        return "it occurs too often within a short time (chattering)";
     case COTREE_EVENTS_CASCADE:
         return "it and other events trigger each other without end";
     case COTREE_EVENTS_SLIDING:
-        return "the motion is driven to a jump from both sides, and slides along it";
+        return "the motion is driven towards a jump from both sides, and slides along it";
     case COTREE_EVENTS_LEAVES_JUMP:
-        return "a value that rested at a jump leaves it to either side";
+        return "a value leaves the jump at which it rested, and its direction is not determined";
     case COTREE_EVENTS_NOT_COMMUTING:
-        return "simultaneous jumps do not commute, so that no sensitivities exist";
+        return "the motion depends on the order of simultaneous jumps, so that sensitivities do "
+               "not exist";
     case COTREE_EVENTS_NO_MODES:
-        return "no modes of dry friction and rigid stops are consistent";
+        return "dry friction and rigid stops have no consistent modes";
     case COTREE_EVENTS_INDETERMINATE:
-        return "the forces of sticking friction are indeterminate, and losses depend on them";
+        return "the losses of a gear depend on forces of sticking friction, which are not unique";
     case COTREE_EVENTS_LOCKED_DIRECTION:
         return "a one-way clutch turns in its locked direction";
     case COTREE_EVENTS_NEGATIVE_GAP:
-        return "a rigid stop begins beyond its limit";
+        return "the gap of a rigid stop is negative at the start";
     case COTREE_EVENTS_NO_IMPULSES:
-        return "no impulses of rigid stops are consistent";
+        return "rigid stops have no consistent impulses";
     case COTREE_EVENTS_COUPLED_IMPACTS:
-        return "gaps that close simultaneously interact, so that sensitivities depend on their "
-               "order";
+        return "the motion depends on the order of simultaneous impacts, so that sensitivities do "
+               "not exist";
     case COTREE_EVENTS_ENERGY_GAIN:
-        return "the impact would gain energy";
+        return "the impact would increase the energy";
     case COTREE_EVENTS_NOT_UNIQUE:
-        return "friction allows a contact both to stay closed and to open";
+        return "friction allows a contact both to stay closed and to open, so that the motion is "
+               "not unique";
     case COTREE_EVENTS_LOSSY_IMPACT:
-        return "an impact passes a gear with losses, which has no law of impact";
+        return "an impact acts through a gear with losses, whose laws hold only for steady forces";
     case COTREE_EVENTS_LEAVES_ROOT:
-        return "a value rests at zero, and a root with an infinite slope drives it away";
+        return "a root with an infinite slope drives its argument away from zero, where it rested";
     case COTREE_EVENTS_BELOW_TOLERANCE:
-        return "its impacts are too small for the tolerance";
+        return "its impacts are slower than the error tolerance resolves";
     }
     return "the status is unknown";
 }
