@@ -1,8 +1,7 @@
 """Replacement of jumps and branches in registered laws by modes and events.
 
-Each ``sign``, ``floor`` or comparison of variables becomes a mode, which the law receives as an
-additional field. Kinks of a ``Piecewise`` also become events, so that each branch is integrated
-separately.
+Each ``sign``, ``floor`` or comparison of variables becomes a mode, which the law reads from an
+additional field. Kinks of a ``Piecewise`` also become events, so that no step crosses them.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast
 
 
 def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
-    """Return whether an expression is continuous where the argument of a jump in it is zero."""
+    """Return whether an expression is continuous at the zeros of one jump's argument."""
     from cotree.dag.continuity import agree_at
 
     lowered = _lowering(names_in(whole), parameters)
@@ -87,7 +86,7 @@ def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -
 def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) -> ast.expr:
     """Return a branch in which ``sqrt(x - b)`` is ``sqrt(max(x - b, 0))`` if b is its boundary.
 
-    A step stays on the branch on which it begins, and may evaluate it slightly beyond the boundary.
+    A step stays on the branch on which it begins, and may evaluate this branch beyond the boundary.
     """
     ends = partial(_vanishes_at, boundary, parameters)
 
@@ -119,7 +118,7 @@ def _is_whole(power: ast.expr) -> bool:
 
 
 def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
-    """Copy a tree with one part replaced; the part is identified as an object, not by its value."""
+    """Copy a tree with one part replaced; equal parts at other places remain."""
     return map_tree(whole, lambda own: by if own is part else None)
 
 
@@ -136,7 +135,7 @@ def branches(law: Law | None) -> bool:
     """Return whether a law contains jumps or branches."""
     import sympy
 
-    # Absolute values, maxima and minima have kinks, but no jumps, so they are not included.
+    # Absolute values, maxima and minima are not listed, because they have kinks but no jumps.
     kinds = (sympy.Piecewise, sympy.sign, sympy.floor, sympy.ceiling, sympy.Mod, sympy.Heaviside)
     return law is not None and law.expression is not None and law.expression.has(*kinds)
 
@@ -157,7 +156,7 @@ def check_located(edge: Edge, parameters: Container[str]) -> None:
     # Kinks need no event, because the sensitivities of the states are continuous there.
     tree = to_tree(plain_jumps(law.expression), names)
     if tree is not None:
-        # A floor jumps at all integers, so a test at zero does not prove continuity.
+        # Floors jump at all integers, but ``has_only_kink`` only tests zeros.
         has_floor = any(getattr(node, "id", "") == "floor" for node in ast.walk(tree))
         if not has_floor and all(has_only_kink(tree, part, parameters) for part in jumps_in(tree)):
             return
@@ -230,7 +229,7 @@ def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
     for other in edge.component.ports:
         row = DOMAINS[other.domain]
         for quantity, symbol in (("across", row.across_symbol), ("through", row.through_symbol)):
-            # Results, events and fields use the names ``edge.symbol`` or ``edge.port.symbol``.
+            # Expressions refer to variables as ``edge.symbol`` or ``edge.port.symbol``.
             own = _dotted(edge.name, other.port, symbol)
             if other is port:
                 found[quantity] = own
@@ -280,10 +279,10 @@ def _branched(
         is_upper = isinstance(atom, (sympy.Ge, sympy.Gt))
         tree = to_tree(atom.negated if is_upper else atom, known)
         mode = None if tree is None else rewrite(tree, where)
-        # ``rewrite`` returns a comparison as ``mode > 0.5``; the field contains only the mode.
+        # ``rewrite`` replaces comparisons by ``mode > 0.5``; the field contains only the mode.
         mode = mode.left if isinstance(mode, ast.Compare) else mode
         if not isinstance(mode, ast.Name):
-            kept.add(atom)  # depends only on parameters, known times or unnamed values
+            kept.add(atom)  # depends only on parameters or known times, or has no tree
             continue
         # A jump that occurs in several laws of an edge has one mode and one field.
         name = next((n for n, value in fields.items() if value.text == mode.id), "")
@@ -306,7 +305,7 @@ def _branched(
 def _clipped_law(
     whole: Any, names: Mapping[str, ast.expr], kept: set[Any], parameters: Container[str]
 ) -> Any:
-    """Clip arguments of roots in a law's branches beyond a comparison that jumps."""
+    """Clip roots in the branches of a law at the comparisons at which they end; see ``clipped``."""
     import sympy
 
     relations = whole.atoms(sympy.core.relational.Relational) - kept
@@ -369,7 +368,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
 
     if expression.is_Symbol:
         return names.get(expression.name)
-    # Numbers in SymPy include rationals, pi and roots; each is converted to a float.
+    # Numbers in SymPy include rationals, pi and roots, which all become floats.
     if getattr(expression, "is_number", False):
         return number_tree(float(expression))
     if isinstance(expression, sympy.Piecewise):
@@ -385,15 +384,15 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
         form = _FORMS[kind]
         # Sums, products, maxima and minima may have any number of arguments.
         return reduce(partial(fill, form), trees) if len(trees) > 2 else fill(form, *trees)
-    # The grammar has no other functions.
+    # Functions outside the grammar have no tree.
     if FUNCTIONS.get(kind) != len(trees):
         return None
     return ast.Call(ast.Name(kind), trees, [])
 
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
-    """Return a ``Piecewise`` as nested conditionals, or None if a part has no such form."""
-    # Nesting starts with the last branch, which is unconditional, and ends with the first.
+    """Return a ``Piecewise`` as nested conditionals, or None if one of its parts has no tree."""
+    # The last branch, which has no condition, is the innermost one.
     whole = to_tree(expression.args[-1][0], names)
     for value, condition in reversed(expression.args[:-1]):
         own, holds = to_tree(value, names), to_tree(condition, names)

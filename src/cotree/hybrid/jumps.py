@@ -1,10 +1,10 @@
 """Replacement of state-dependent jumps inside expressions by modes and events.
 
 Each ``sign``, ``floor``, ``mod`` or comparison of variables becomes a mode with events that change
-it. One mechanism thus locates all jumps, restarts the integration there and applies the jumps of
-the sensitivities. Two kinds are not replaced: conditions that are piecewise linear in time, whose
-times are known before a run (:mod:`cotree.dag.switching_times`), and kinks such as ``v*sign(v)``
-that are proved to be continuous, which :mod:`cotree.program.surfaces` locates without modes.
+it. Events locate all jumps, restart the integration there and change the sensitivities. Two kinds
+are not replaced: conditions that are piecewise linear in time, whose times are known before a run
+(:mod:`cotree.dag.switching_times`), and kinks such as ``v*sign(v)`` that are proved to be
+continuous, which :mod:`cotree.program.surfaces` locates without modes.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -
 
 
 def jump_values(scene: SceneDescription) -> dict[str, Expression]:
-    """Return the initial values of modes for jumps, as expressions without such modes."""
+    """Return initial values of the modes that replace jumps, as expressions without such modes."""
     found: dict[str, Expression] = {}
-    # Each mode follows the modes on which it depends.
+    # In this order, each mode follows the modes on which its initial value depends.
     for name, mode in lower_discontinuities(scene, has_sensitivities=False).modes.items():
         if mode.is_jump:
             found[name] = mode.initial.map_names(
@@ -84,12 +84,12 @@ def jump_values(scene: SceneDescription) -> dict[str, Expression]:
 
 def _may_jump(expression: Expression) -> bool:
     """Return whether an expression may jump, judging by its text."""
-    # Comparisons occur only within ``where``, so these function names reveal all jumps.
+    # Comparisons occur only within ``where``, so each jump contains one of these functions.
     return any(f"{name}(" in expression.text.replace(" ", "") for name in _JUMPING)
 
 
 def _acting(scene: SceneDescription) -> list[Expression]:
-    """Return the expressions that affect the motion, or may affect it."""
+    """Return all expressions that may affect the motion."""
     found = [*scene.outputs.values(), *(event.when for event in scene.events.values())]
     for edge in scene.edges.values():
         found += _of_edge(edge)
@@ -113,7 +113,7 @@ class _Rewriting:
             name: replace(event, when=self._expression(event.when, is_watched=True))
             for name, event in scene.events.items()
         }
-        # Outputs that do not affect the motion may jump, because no state depends on them.
+        # Jumps in all other outputs are kept, because no state depends on them.
         used = self._used()
         self.scene.outputs = {
             name: self._expression(item) if name in used else item
@@ -167,8 +167,8 @@ class _Rewriting:
     ) -> Expression:
         """Replace the jumps in an expression and, for a storage's content, also the kinks.
 
-        A watched condition, that of an event, is kept if it jumps only at known times, at which it
-        is evaluated.
+        A watched expression is the condition of an event. It is unchanged if it jumps only at known
+        times, because steps end there.
         """
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
@@ -187,7 +187,7 @@ class _Rewriting:
         return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
 
     def is_located(self, tree: ast.expr) -> bool:
-        """Return whether a value may cross zero, so that an expression jumps, at unknown times."""
+        """Return whether a value may cross zero at times that are unknown before the run."""
         names = names_in(tree)
         if self._moves(names):
             return True
@@ -208,7 +208,7 @@ class _Rewriting:
         return {"t": dag.symbol("t", 0), **{name: dag.symbol("p", i) for i, name in names}}
 
     def mode(self, text: str, call: ast.expr, where: str, rows: Sequence[_Row]) -> ast.expr:
-        """Return the tree of the mode that replaces a call with the original text ``text``.
+        """Return the tree of the mode that replaces the call with the text ``text``.
 
         Each row is an event: its direction, its function, and the mode's new value. In these trees,
         the name "" denotes the mode itself.
@@ -289,7 +289,7 @@ class _Tree:
         return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
 
     def _compare(self, node: ast.Compare) -> ast.expr:
-        """Replace each comparison by a mode that is one if it is true, otherwise zero."""
+        """Replace each comparison by a mode: one if the comparison is true, otherwise zero."""
         sides = [self.rewritten(side) for side in (node.left, *node.comparators)]
         if id(node) in self._kept:
             return ast.Compare(sides[0], node.ops, sides[1:])
@@ -307,8 +307,8 @@ class _Tree:
         if not self._scene.is_located(excess):
             return node
         rows = ((1, excess, ast.Constant(1.0)), (-1, excess, ast.Constant(0.0)))
-        # The initial value is a conditional; the comparison is the name of the mode.
+        # The mode is named after the comparison; its initial value is the comparison as a number.
         conditional = fill("where(a, 1.0, 0.0)", node)
         mode = self._scene.mode(ast.unparse(node), conditional, self._where, rows)
-        # The mode is exactly one or zero, so one half is between both.
+        # The mode is exactly one or zero, so rounding cannot change this comparison.
         return fill("a > 0.5", mode)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: Row of a mode: field, description, name and initial value.
 _ModeRow = tuple[str, str, str, str]
-#: Row of an event: name, condition, direction, role, and the modes that are selected at it.
+#: Row of an event: name, condition, direction, role, and new values by target.
 _EventRow = tuple[str, str, int, ModePart, Mapping[str, str]]
 
 
@@ -41,7 +41,7 @@ def with_friction(scene: _Scene) -> _Scene:
         port
         for port in scalar_ports(scene).values()
         if port.terminal.friction is not None
-        and not port.terminal.friction.presser  # friction of contacts is treated with the stops
+        and not port.terminal.friction.presser  # ``with_stops`` adds the friction of contacts
         and port.terminal.friction.mode not in port.edge.fields
     ]
     return _with(scene, ports, _friction_modes, _friction_rows, "friction of edge", is_jump=True)
@@ -86,7 +86,7 @@ def _with(
     *,
     is_jump: bool,
 ) -> _Scene:
-    """Add the modes and events of the given ports, followed by the scene's own events."""
+    """Add the modes and events of the given ports, before the events of the scene."""
     if not ports:
         return scene
     made = copy.copy(scene)
@@ -104,7 +104,7 @@ def _with(
         for _, _, mode, start in modes:
             made.modes[mode] = Mode(mode, parse(start, where), is_jump=is_jump)
         for name, when, way, part, values in rows_of(port):
-            # The modes are selected together with the modes of all other edges.
+            # The new value of a mode is the mode itself, because C code selects the modes.
             new = {target: parse(text, where) for target, text in values.items()}
             made.events[name] = Event(name, parse(when, where), way, new, part=part)
     made.events.update(scene.events)
@@ -151,7 +151,7 @@ def _friction_rows(port: Port) -> list[_EventRow]:
     if friction.grip is not None:
         found.append((f"{edge} engages", f"{name}.grip", 0, ModePart.ENGAGED, own))
     if friction.load is not None:
-        # While the edge sticks, no law of sliding applies.
+        # In mode 0 (sticking) the load has no effect.
         text = f"{mode}**2*{side}*{name}.load"
         found.append((f"{edge} turns its load", text, -1, ModePart.LOAD, {side: side}))
     return found
@@ -163,7 +163,7 @@ def _laws(port: Port) -> Stop | Friction | None:
 
 
 def _holder(port: Port, of: str = "") -> str:
-    """Return the name of a port that sticks: that of its edge if no other port does."""
+    """Return the first part of a port's mode names: its edge, or the port if several may hold."""
     ports = port.edge.component.ports
     is_alone = sum(terminal.kind.may_hold for terminal in ports) == 1
     return port.edge.name if is_alone else port.sibling(of or port.terminal.port)
@@ -174,7 +174,7 @@ def _stop_modes(port: Port) -> list[_ModeRow]:
     assert laws is not None
     if port.terminal.friction is not None and port.terminal.friction.is_disc:
         return _disc_modes(port)
-    # Stops are open at first, and friction is disengaged, since it has no normal force.
+    # At the start, stops are open, and friction is disengaged, because it has no normal force.
     is_stop = port.kind is Kind.STOP
     start = "0" if is_stop else "2"
     doc = "of the last impact" if is_stop else "asked for in an impact"
@@ -202,7 +202,7 @@ def _limit_rows(port: Port) -> list[_Row]:
     assert stop is not None
     row = DOMAINS[port.terminal.domain]
     mode, force = f"{holder}.mode", f"{name}.{row.through_symbol}"
-    # These factors are one in one mode, and exactly zero in all others.
+    # Each factor is one in one kind of mode, and exactly zero in all other modes.
     free = f"(1 - {mode}**2)*(4 - {mode}**2)/4"
     struck = f"{mode}**2*({mode}**2 - 1)/12"
     sided = stop.upper_gap is not None and stop.lower_gap is not None
@@ -247,13 +247,13 @@ def _pressed_rows(port: Port) -> list[_Row]:
 #: Square of the tangent of the largest angle between slip and sliding direction.
 _WIDEST = 3
 
-#: Speed below which the sliding direction remains that at the beginning of sliding, [m/s, rad/s].
+#: Speed below which the sliding direction does not follow the slip, [m/s, rad/s].
 _SLOWEST = "1e-7"
 
-#: Slip rate at which the sliding direction is set for the last time before slip ends, [m/s, rad/s].
+#: Slip rate at which the sliding direction is updated once more before slip ends, [m/s, rad/s].
 _SLOW = "1e-3"
 
-#: Added to squares under roots, whose slope is infinite at zero.
+#: Its square is added under square roots, because their slope at zero is infinite.
 _TINY = "1e-30"
 
 _WAY = "component of the direction of the slip"
@@ -265,7 +265,7 @@ class _Disc:
     """Friction whose force is limited by a disc on a plane, or by a ball in a ball joint."""
 
     owner: str  # prefix of the names of its mode and events
-    holders: tuple[str, ...]  # names of all slip directions in their modes
+    holders: tuple[str, ...]  # first parts of the mode names, by slip direction
     slip: tuple[str, ...]
     force: tuple[str, ...]
 
@@ -284,17 +284,17 @@ class _Disc:
 
     @property
     def directions(self) -> tuple[str, ...]:
-        """Modes that contain the direction in which sliding began, or to which it last turned."""
+        """Return the modes that store the sliding direction at its last update."""
         return tuple(f"{holder}.direction" for holder in self.holders)
 
     @property
     def along(self) -> str:
-        """The slip rate along the sliding direction."""
+        """Return the slip rate along the sliding direction."""
         return _sum(f"{v}*{d}" for v, d in zip(self.slip, self.directions, strict=True))
 
     @property
     def across(self) -> tuple[str, ...]:
-        """The components of the slip perpendicular to the sliding direction."""
+        """Return the components of the slip perpendicular to the sliding direction."""
         if len(self.slip) == 2:
             (v1, v2), (d1, d2) = self.slip, self.directions
             return (f"({v2}*{d1} - {v1}*{d2})",)
@@ -320,7 +320,7 @@ def _disc_modes(port: Port) -> list[_ModeRow]:
     ]
     if friction.leader:
         return rows  # the mode belongs to the first slip direction
-    # Friction at a contact is disengaged at first, since it has no normal force.
+    # At the start, friction at a contact is disengaged, because it has no normal force.
     start = "2" if friction.presser else "0"
     return [
         (friction.mode, "which of its laws holds", f"{_Disc.of(port).owner}.mode", start),
@@ -329,9 +329,9 @@ def _disc_modes(port: Port) -> list[_ModeRow]:
 
 
 def _ways(port: Port) -> dict[str, str]:
-    """Return the fields of the slip direction: the tangent of its angle to the initial direction.
+    """Return the fields with the direction of the slip, rotated from the stored direction.
 
-    The tangent is equal on both sides of rest, so that the law is smooth through rest.
+    The tangent of the angle does not change if slip reverses, so that the law is smooth at rest.
     """
     friction = port.terminal.friction
     if friction is None or not friction.followers:
@@ -360,7 +360,7 @@ def _disc_rows(port: Port) -> list[_Row]:
     struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
     force, speed = _length(disc.force), _length(disc.slip)
     limit = f"{port.name}.upper"
-    # Slip direction or, while friction sticks, the direction in which sliding would begin.
+    # Direction of slip or, while friction sticks, of the force, in which sliding would begin.
     directions = {
         d: f"{is_sliding}*{v}/{speed} + {stuck}*{f}/{force}"
         for d, v, f in zip(disc.directions, disc.slip, disc.force, strict=True)
@@ -376,15 +376,15 @@ def _disc_rows(port: Port) -> list[_Row]:
         # The second target identifies the stop that provides the normal force.
         presser = f"{_holder(port, friction.presser)}.mode"
         own[presser] = presser
-        # This is one during an impact of the stop, in which the stop's mode is doubled.
+        # This factor is one during an impact of the stop (mode 2 or -2), otherwise zero.
         hit = f"{presser}**2*({presser}**2 - 1)/12"
         parts = ModePart.FIRST_IMPULSE, ModePart.SECOND_IMPULSE
         pressed = [
             (f"has an impulse along slide{i}", f"{hit}*{f}", part, own)
             for i, (f, part) in enumerate(zip(disc.force, parts, strict=True), start=1)
         ]
-    # The last targets of three events are the components of the slip. In a ball joint, the first
-    # one also takes the place of a stop.
+    # Targets include the components of the slip. In a ball joint, which has no stop, the second
+    # target is the first component.
     turn = own | directions if friction.presser else own | changes[0] | directions | changes[2]
     rows: list[_Row] = [
         ("stops", f"{slides}*{along}", ModePart.SLIP, own | changes[0]),
@@ -395,7 +395,7 @@ def _disc_rows(port: Port) -> list[_Row]:
             own | changes[1],
         ),
         ("turns", turns, ModePart.TURN, turn),
-        # This sets the direction before slip ends; afterwards it hardly changes.
+        # This event updates the sliding direction before slip ends; later it hardly changes.
         ("slows", f"{slides}*({speed} - {_SLOW})", ModePart.NONE, directions),
         *pressed,
     ]
