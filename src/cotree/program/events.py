@@ -1,11 +1,11 @@
 """Kernels of events: event functions, the values that events set, and the derivatives of both.
 
 Within a step, event functions that are linear in states, inputs and time change direction no more
-often than these variables, which the error test resolves. Others may cross zero and return within a
-step of any accuracy, such as the sine of a large angle. For each of these, the kernel
-``event_ranges`` computes the ranges of its value and of its rate from the ranges of quantities.
-Quantities are its largest linear parts, and values whose ranges cannot be computed. The engine
-divides a step until the range of each value, or of its rate, excludes zero
+often than these variables, which the error test resolves. Nonlinear event functions, such as the
+sine of a large angle, may cross zero and return within one accurate step. For each of these, the
+kernel ``event_ranges`` computes the ranges of its value and of its rate from the ranges of
+quantities. Quantities are its largest linear parts, and values whose ranges cannot be computed. The
+engine divides a step until the range of each value, or of its rate, excludes zero
 (``templates/runtime/hybrid/cotree_scan.c``).
 
 The impulse L of an impact acts along D, the derivatives of the expression's rate with respect to
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 #: Monotonic functions, which take each value at no more than one argument.
 _MONOTONE = frozenset({"sqrt", "asin", "acos", "atan", "sinh", "tanh", "exp", "log", "erf"})
 
-#: Values with more nodes are quantities: computing their range would take longer than steps.
+#: Values with more nodes have no range, because computing it would take longer than a step.
 _MOST_NODES = 1000
 
 #: Kinds of dependence on variables that change during a step: none, linear, nonlinear.
@@ -58,7 +58,7 @@ _CONSTANT, _LINEAR, _CURVED = range(3)
 class EventRanges:
     """Ranges of event functions and switching functions."""
 
-    #: Index of the range of each event function, then of each kink; -1 if the function is linear.
+    #: Index of the range of each event function, then of each kink; -1 if it needs or has none.
     places: tuple[int, ...]
     quantities: tuple[Node, ...]  # quantities on which the functions depend
     #: Four values per nonlinear function: bounds of its value, then of its rate.
@@ -68,7 +68,7 @@ class EventRanges:
 def find_ranges(
     equations: Equations, values: Sequence[Node], smooth: Collection[Node] = ()
 ) -> EventRanges:
-    """Form the ranges of events, then kinks, without unknowns; ``smooth`` nodes count as linear."""
+    """Form the ranges of ``values``, events and then kinks; ``smooth`` nodes count as linear."""
     dag = equations.dag
     kinds = _kinds(equations, values, smooth)
     curved = [
@@ -110,7 +110,7 @@ def _kinds(
             kinds[node] = _LINEAR if moves else _CONSTANT
             continue
         if _is_held(node):
-            # Selections by frozen signs are constant; ends and numbers of frozen intervals linear.
+            # Selections by frozen signs are constant; ends of frozen intervals are linear.
             kinds[node] = _CONSTANT if node.op == "select" else _LINEAR
             continue
         given = [kinds[arg] for arg in node.args]
@@ -153,7 +153,7 @@ def _is_plain(node: Node, kinds: dict[Node, int]) -> bool:
 
 
 def _is_leaf(node: Node, kinds: dict[Node, int]) -> bool:
-    """Return whether a value that changes during a step is a quantity."""
+    """Return whether a value that changes during a step is a quantity (linear or without range)."""
     return kinds[node] == _LINEAR or not is_ranged(node)
 
 
@@ -195,7 +195,7 @@ class Impact:
         # right-hand side belong to the multipliers.
         forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]
         response = solved.solve_again(forcing, self.response, seed)[:n]
-        # The chain rule does not differentiate values whose derivatives are known.
+        # The chain rule stops at these values, because their derivatives are known.
         known = {**seed, self.restitution: restitution, self.rate: tangents([self.rate], seed)[0]}
         known |= dict(zip(self.gradient, gradient, strict=True))
         known |= dict(zip(self.response, response, strict=False))
@@ -205,7 +205,7 @@ class Impact:
 def form_impact(
     equations: Equations, solved: SolvedSystem, event: EventRow, values: Sequence[Node]
 ) -> Impact:
-    """Form an impact; raise SceneError unless it depends on positions and its rate on speeds."""
+    """Form an impact; raise SceneError unless its condition is a function of positions."""
     assert event.restitution is not None
     restitution, place, name = values[event.restitution], event.watched, event.name
     dag, n, first = equations.dag, equations.n_speeds, equations.n_coordinates
@@ -225,7 +225,7 @@ def form_impact(
             "system, on which its impact acts: set states instead"
         )
     assert equations.motion is not None  # models with events have a motion
-    # Impacts depend on positions, so only coordinate rates occur as symbols in the derivative.
+    # The condition depends on positions, so only rates of coordinates occur in its derivative.
     moving = {dag.symbol(STATE_RATE, i): rate for i, rate in enumerate(rates)}
     along = equations.motion.outputs.get(place, dag.zero)
     with dag.labelled(f"impact of {name}"):
@@ -277,15 +277,15 @@ def event_kernels(
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
     kinks = solved.substitute([row.value for row in equations.kinks])
-    # No state jumps at a kink. If the slope is infinite there, the value at rest does not depend on
-    # parameters.
+    # Only steep kinks change sensitivities, so that a value that rests there depends on no
+    # parameter.
     looked_at = [
         value if row.is_steep else dag.zero
         for row, value in zip(equations.kinks, kinks, strict=True)
     ]
-    # The function that decides whether an impact ends at rest is evaluated only in impacts.
+    # The rest threshold is evaluated only in impacts, so it needs no range.
     crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
-    # Ranges of values that contain multipliers would be far too wide.
+    # Multipliers count as linear, because their ranges would be far too wide.
     first = equations.n_speeds + len(equations.constraints.rows)
     multipliers = {solved.unknowns[symbol] for symbol in equations.unknowns[first:]}
     found_ranges = find_ranges(equations, [*crossed, *kinks], multipliers)
@@ -294,7 +294,7 @@ def event_kernels(
     def derivatives(
         changes: Mapping[int, Node], seed: Mapping[Node, Node], of_kinks: Sequence[Node]
     ) -> list[Node]:
-        # As in the kernels of values, all event functions precede the targets of each event.
+        # As in the kernels of values, event functions and kinks precede the new values of events.
         found = [*(changes.get(row.watched, dag.zero) for row in rows), *of_kinks]
         for row, impact in zip(rows, impacts, strict=True):
             found += [changes.get(i, dag.zero) for i in row.new_values]
@@ -303,9 +303,9 @@ def event_kernels(
         return found
 
     directions = zip(along, equations.sensitivities, strict=True)
-    # Algebraic unknowns are the last states.
+    # The last states are algebraic unknowns, which have no rates.
     n_rated = len(equations.states) - equations.n_algebraic
-    # The rates of algebraic unknowns are residuals, which follow all other rates.
+    # Instead, the motion contains derivatives of their residuals, which follow all other results.
     residuals = (motion.rates.get(i, dag.zero) for i in range(n_rated, len(equations.states)))
     kernels = {
         "events": [
@@ -330,7 +330,7 @@ def event_kernels(
 
 
 def _along_the_motion(equations: Equations) -> Mapping[Node, Node]:
-    """Return the tangents along the motion: symbols for states, the scene's rates for inputs."""
+    """Return the time derivatives of states (symbols), of inputs (from the scene) and of time."""
     if equations.motion is not None:
         return equations.motion.seed
     dag = equations.dag

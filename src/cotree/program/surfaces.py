@@ -53,17 +53,17 @@ if TYPE_CHECKING:
     from cotree.equations import Equations
     from cotree.program.program import Program
 
-#: Functions that are defined on both sides of any kink of their arguments. So is a quotient with a
-#: kink in the dividend, and a linear system with a kink in the right-hand side.
+#: Operations that are defined on both sides of any kink of their arguments; for a linear system, of
+#: a kink in its right-hand side. Quotients with a kink in the dividend are also defined.
 _DEFINED_AT_KINKS = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf"})
 _DEFINED_AT_KINKS |= {"abs", "exp", "sinh", "cosh", "select", "sign", "table", "result"}
 _DEFINED_AT_KINKS |= {"sines", "solve"}
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: Kinks of tables with more points along an axis are left to the error test.
+#: Tables with more points along an axis keep their kinks, which the error test resolves.
 _MOST_POINTS = 1000
 
-#: Limits of values between a jump and its continuous users, and of users of a branch.
+#: Maximum numbers of values that are examined: from a jump to continuous users; from a branch up.
 _MOST_READERS, _MOST_ABOVE = 8, 64
 
 #: Maximum number of terms in sums that are expanded for comparison.
@@ -105,7 +105,7 @@ def strip_switching_surfaces(program: Program) -> Program:
         kernels[name] = replace(kernels[name], results=tuple(chain.from_iterable(left)))
 
     n_before, ranges = n + m + layout.n_pieces, layout.ranges[:n]
-    # Ranges are in the order of their values, so ranges of events come first.
+    # Ranges are in the order of their values, so that those of events precede those of kinks.
     ends = kernels["event_ranges"].results[: 4 * (1 + max(ranges, default=-1))]
     kernels["event_ranges"] = replace(kernels["event_ranges"], results=ends)
     n_quantities = layout.n_quantities if ends else 0
@@ -121,9 +121,9 @@ def strip_switching_surfaces(program: Program) -> Program:
 
 @dataclass
 class _Found:
-    """The conditions and tables whose branches steps freeze."""
+    """Conditions and tables whose branches are frozen during steps."""
 
-    #: Sides on which branches are frozen, by the :class:`_Keys` key of the condition.
+    #: Sides on which the branch is frozen, by the key of the condition (:class:`_Keys`).
     conditions: dict[_Key, frozenset[int]]
     tables: set[Node]  # tables whose intervals are frozen
     steep: SteepRoots
@@ -147,7 +147,7 @@ def _find(equations: Equations) -> _Found:
             continue
         key, scale = keys.of(node.args[0])
         looked_at.setdefault(key, node.args[0])
-        # All nodes with the same key are one condition, which each of them may exclude.
+        # Nodes with the same key are one condition; it is ignored if one of them jumps.
         sides = None if node in heavy else kinks.sides(node)
         if node in wild:
             sides = _in_common(sides, kinks.sides_above(node))
@@ -176,9 +176,9 @@ def _find(equations: Equations) -> _Found:
 
 @dataclass(frozen=True)
 class _Sides:
-    """Properties of the sides of a kink: 1 has a positive condition, -1 a negative one."""
+    """Properties of a kink by side: 1 if its condition is positive, -1 if it is negative."""
 
-    held: frozenset[int]  # sides with a frozen branch; on others the argument selects the branch
+    held: frozenset[int]  # sides with a frozen branch; on any other side the argument selects it
     steep: frozenset[int]  # sides on which the slope at the kink is infinite
 
     def turned(self, scale: float) -> _Sides:
@@ -190,17 +190,17 @@ class _Sides:
 
 
 _BOTH = frozenset({-1, 1})
-#: A kink with branches that are defined beyond it.
+#: Sides of a kink whose branches are both defined beyond it.
 _OPEN = _Sides(_BOTH, frozenset())
 
 
 def _in_common(a: _Sides | None, b: _Sides | None) -> _Sides | None:
-    """Return the sides on which both values may be frozen, or None if one of them jumps."""
+    """Return the sides of a kink that two values permit, or None if one of them jumps."""
     return None if a is None or b is None else _Sides(a.held & b.held, a.steep | b.steep)
 
 
 class _Kinks:
-    """Analysis of values at the zeros of conditions, up to users that are continuous.
+    """Analysis of values, and of their users, at the zeros of conditions.
 
     ``roots`` must not jump; ``order`` has all values, arguments first; the symbols ``moving``
     change between events.
@@ -245,7 +245,7 @@ class _Kinks:
                 return None
             for reader in self._readers(last):
                 own = [substitute([reader], {node: value})[0] for value in branches]
-                # For a node with several results, the results are compared, not the node.
+                # Of a node with several results, the users compare each result.
                 found = None if reader.op in SEVERAL else _sides(condition, own)
                 if found is None:
                     jumping.append(reader)
@@ -261,7 +261,7 @@ class _Kinks:
         if node in self._roots:
             return False
         above, below = {node: positive}, {node: negative}
-        # Users are examined in evaluation order, after all of their arguments.
+        # Users are examined in evaluation order, so that all their arguments come first.
         waiting = set(self._readers(node))
         for _ in range(_MOST_ABOVE):
             if not waiting:
@@ -298,20 +298,20 @@ class _Kinks:
         return True
 
     def _derivative(self, value: Node, symbol: Node) -> Node:
-        # The derivatives of a value are parts of those of its users.
+        # Tangents are stored by symbol: derivatives of a value occur in those of its users.
         if symbol not in self._tangents:
             self._tangents[symbol] = Tangents([{symbol: symbol.dag.one}], self._clips)
         (row,) = self._tangents[symbol].of([value])
         return row.get(0, value.dag.zero)
 
     def sides_above(self, node: Node) -> _Sides:
-        """Return the sides of a branching value that its users, up to the roots, permit."""
+        """Return the sides on which all users of a branching value permit frozen branches."""
         condition, *branches = _branches(node)
         ways = ways_to_zero(condition)
         return _sides_of([self._end_above(node, value, ways) for value in branches])
 
     def _end_above(self, node: Node, value: Node, ways: _Ways) -> int:
-        """Return how a branch ends in its users; see :data:`_NOWHERE`."""
+        """Return how a branch ends, judging by its users; see :data:`_NOWHERE`."""
         known, waiting, end = {node: value}, [node], _NOWHERE
         for _ in range(_MOST_ABOVE):
             if not waiting:
@@ -341,8 +341,8 @@ def _branches(node: Node) -> tuple[Node, Node, Node]:
     return condition, above, below
 
 
-#: End of a branch at a kink: it continues; it is undefined beyond, with a finite slope; its slope
-#: is infinite or undefined.
+#: How a branch ends at a kink: it continues; it is undefined beyond the kink, but its slope is
+#: finite; its slope is infinite or undefined.
 _NOWHERE, _ENDS, _STEEP = range(3)
 
 #: Substitutions, each of which makes a condition zero.
@@ -350,7 +350,7 @@ _Ways = list[dict["Node", "Node"]]
 
 
 def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
-    """Return the sides of a condition that selects one of two values, or None if these differ."""
+    """Return the sides of a condition that selects one of two values, or None if they jump."""
     above, below = branches
     if not agree_at(above, below, condition):
         return None
@@ -359,7 +359,7 @@ def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
 
 
 def _sides_of(ends: Sequence[int]) -> _Sides:
-    """Return the sides of a condition from the ends of its branches above and below zero."""
+    """Return the sides of a condition, given how its branches above and below zero end."""
     pairs = list(zip((1, -1), ends, strict=True))
     return _Sides(
         frozenset(side for side, end in pairs if end == _NOWHERE),
@@ -402,7 +402,7 @@ def _is_timed(node: Node) -> bool:
 
 
 def _is_table(node: Node) -> bool:
-    return type(node.data) in (Table, PlaneTable)  # not an interval that is already frozen
+    return type(node.data) in (Table, PlaneTable)  # without tables that are already frozen
 
 
 def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
@@ -432,7 +432,7 @@ def _is_defined_at_kinks(node: Node) -> bool:
 
 
 def _wild(order: Sequence[Node]) -> set[Node]:
-    """Return the values whose users may be undefined if a branch continues beyond its end."""
+    """Return the values with a user that may be undefined if a branch continues beyond its end."""
     found: set[Node] = set()
     for node in reversed(order):
         if node in found or not _is_defined_at_kinks(node):
@@ -440,12 +440,12 @@ def _wild(order: Sequence[Node]) -> set[Node]:
     return found
 
 
-#: Key of a sum: node indices of its terms with coefficients, the first of which is scaled to one.
+#: Key of a sum: node indices of its terms with coefficients, scaled so that the first one is 1.
 _Key = tuple[tuple[int, float], ...]
 
 
 class _Keys:
-    """Keys of conditions: equal up to sign, factor and order of terms, which derivatives change."""
+    """Keys of conditions, which are equal up to their factor and the order of their terms."""
 
     def __init__(self) -> None:
         self._terms: dict[Node, dict[Node, float]] = {}
@@ -479,14 +479,14 @@ class _Keys:
 
 @dataclass
 class _Held:
-    """The kinks and branch symbols collected while branches are numbered."""
+    """Kinks and branch symbols, collected during the replacement."""
 
     rows: list[KinkRow]
     pieces: list[Node]
 
 
 def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]:
-    """Return a replacement for each value with a kink, and the kinks; inner kinks come first."""
+    """Return the replacements of values with kinks, and the kinks; inner kinks come first."""
     dag, held = equations.dag, _Held([], [])
     new: dict[Node, Node] = {}
     keys = _Keys()
@@ -514,9 +514,9 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         own = piece if scale * first > 0.0 else -piece
         sides = found.conditions[key]
         if sides == _BOTH:
-            # The condition applies if the symbol is zero: -abs(x) >= 0 only at zero.
+            # The condition selects the branch if the symbol is zero: -abs(x) >= 0 only at zero.
             return dag.select(-dag.function("abs", piece), of(condition), own)
-        # The condition applies if no branch is frozen, and on sides that are not frozen.
+        # The condition selects the branch if no branch is frozen, or its side is not frozen.
         decides = of(condition)
         for side in (own_side if scale > 0.0 else -own_side for own_side in sides):
             decides = dag.select(side * own - 0.5, dag.constant(side), decides)
@@ -553,7 +553,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         for i, (at, piece) in enumerate(zip(given, pieces, strict=True)):
             number = piece.data[1]
             if not held.pieces[number].is_zero:
-                continue  # a table with the same axis and argument has defined the kink
+                continue  # defined by a table with the same axis and argument
             low, high, which = data.ends(i)
             held.pieces[number] = made[which]
             held.rows.append(KinkRow(at - made[low], number, -1))
