@@ -1,8 +1,8 @@
 """Dry friction and rigid stops: checks, and forces that are multipliers.
 
 Inertias must determine the relative acceleration of each edge that may stick. On a mechanism, the
-force of friction or a stop is an unknown of the mechanism's linear equations: while the edge holds,
-it is the multiplier of the condition that the relative acceleration is zero.
+force of friction or of a stop is an unknown of the linear equations: while the edge sticks or is
+closed, the multiplier of the condition that its relative acceleration is zero.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
         if not port.kind.may_hold:
             continue
         if port.terminal.touch is not None and len(port.ends.acts_on) > 1:
-            continue  # the gap and the slips of one contact are independent
+            continue  # the gap and the slips of a contact act in independent directions
         if port.is_coupling:
             other = places.setdefault(port.ends.acts_on, port)
             if other.edge.name != port.edge.name:
@@ -69,7 +69,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
 def used_by_friction(
     ports: Mapping[str, Port], fields: Mapping[tuple[str, str], Node]
 ) -> frozenset[Node]:
-    """Return the mechanism's symbols used only in fields of friction and dampers acting on it."""
+    """Return the mechanism's symbols that occur only in fields of its friction and dampers."""
     frictional = _edges(ports, Kind.FRICTION, Kind.DISSIPATOR)
     used: dict[bool, set[Node]] = {True: set(), False: set()}
     for (edge, _), node in fields.items():
@@ -88,11 +88,11 @@ _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational
 
 @dataclass(frozen=True)
 class Holding:
-    """A unilateral constraint on a mechanism, whose force is a multiplier while it holds."""
+    """A unilateral constraint on a mechanism; it holds while it sticks or is closed."""
 
     port: str  # name of the port
-    multiplier: Node  # symbol of the port's multiplier
-    share: Node  # one while the multiplier acts in the current mode, otherwise zero
+    multiplier: Node  # symbol of its force while it holds
+    share: Node  # one in modes in which the multiplier acts, otherwise zero
     jump: Node  # change of the port's across variable in an impact, otherwise zero
 
 
@@ -114,7 +114,7 @@ def reacting_fields(
     measured: Mapping[Node, Variable],
     is_motion: Callable[[Node], bool],
 ) -> frozenset[tuple[str, str]]:
-    """Return the fields of holding ports and dampers that depend on forces or accelerations."""
+    """Return the fields of friction, stops and dampers that depend on forces or accelerations."""
     edges = {ports[name].edge.name for name in holding}
     dampers = _edges(ports, Kind.DISSIPATOR)
 
@@ -135,7 +135,7 @@ def reacting_fields(
 
 
 def holding_of(port: Port, multiplier: Node, fields: Mapping[tuple[str, str], Node]) -> Holding:
-    """Return share and jump of a port's unilateral constraint, with its multiplier."""
+    """Return the unilateral constraint of a port with the given multiplier."""
 
     def value(law: Law) -> Node:
         own = {field: fields[port.edge.name, field] for field in law.arguments}
