@@ -383,8 +383,8 @@ def _disc_rows(port: Port) -> list[_Row]:
             (f"has an impulse along slide{i}", f"{hit}*{f}", part, own)
             for i, (f, part) in enumerate(zip(disc.force, parts, strict=True), start=1)
         ]
-    # Targets include the components of the slip. In a ball joint, which has no stop, the second
-    # target is the first component.
+    # The last target of each of three events is one component of the slip. In a ball joint, which
+    # has no stop, the second target of ``turns`` is one, too.
     turn = own | directions if friction.presser else own | changes[0] | directions | changes[2]
     rows: list[_Row] = [
         ("stops", f"{slides}*{along}", ModePart.SLIP, own | changes[0]),

@@ -9,8 +9,8 @@ int cotree_is_contact_slip(const cotree_event *event)
     return event->kind == COTREE_FRICTION_SLIP && event->n_targets > 2;
 }
 
-/* Return whether a model has rigid stops, and hence impacts, or ball joints with friction, in which
- * an impulse removes the slip that remains when sliding ends. */
+/* Return whether a model needs impulses: for impacts at rigid stops, or to remove the remaining
+ * slip when sliding in a ball joint ends. */
 static int has_impacts(const cotree_hybrid *h)
 {
     int i;

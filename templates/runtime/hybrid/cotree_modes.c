@@ -225,7 +225,7 @@ int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fi
         cotree_copy(e->run->n_full, e->saved_before, e->jumps.before);
     if (status == 0) cotree_record_impacts(e, t, fired);
     if (status == 0 && stopped >= 0) {
-        /* The direction of a slip below the tolerance has turned: the slip ends, too. */
+        /* If the direction of a slip below the tolerance turns, the slip ends, too. */
         e->has_fired[stopped] = 1;
         cotree_write_record(e, stopped, t);
     }
