@@ -15,6 +15,7 @@ import re
 import shlex
 import shutil
 import sys
+import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +29,7 @@ from cotree.build.cache import (
     building,
     cache_directory,
     cache_key,
+    cached,
     find_published,
     private_directory,
     publish,
@@ -414,13 +416,42 @@ def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
     return _load(os.path.abspath(path), cdef)
 
 
+def _declared(cdef: str) -> FFI:
+    """Return an object with C declarations, which are parsed only if the cache has no result.
+
+    The parser takes a tenth of a second, longer than the run of a small model.
+    """
+    import _cffi_backend
+
+    def parse() -> str:
+        from cffi import FFI
+        from cffi.recompiler import make_py_source
+
+        ffi = FFI()
+        ffi.cdef(cdef)
+        with tempfile.TemporaryDirectory() as directory:
+            path = os.path.join(directory, "declarations.py")
+            make_py_source(ffi, "declarations", path)
+            with open(path, encoding="utf-8") as file:
+                return file.read()
+
+    names: dict[str, Any] = {}
+    exec(cached(("declarations", cdef, _cffi_backend.__version__), parse), names)
+    return names["ffi"]
+
+
+def _has(ffi: FFI, lib: Any, name: str) -> bool:
+    try:
+        getattr(lib, name)
+    except (AttributeError, ffi.error):
+        return False
+    return True
+
+
 @locked_cache
 def _load(path: str, cdef: str) -> LoadedLibrary:
-    import cffi
-
     # Each library has separate types, so that equal names in two libraries do not conflict.
-    ffi = cffi.FFI()
-    ffi.cdef(cdef)
+    ffi = _declared(cdef)
     try:
         lib = ffi.dlopen(path)
     except OSError as error:
@@ -431,8 +462,8 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
         ) from error
     # Names are resolved at first use, when a wrong library would cause an obscure error. An engine
     # also declares functions of other libraries: only a library without any name is wrong.
-    names = [name for name in dir(lib) if not hasattr(lib, name)]
-    if names and len(names) == len(dir(lib)):
+    names = dir(lib)
+    if names and not any(_has(ffi, lib, name) for name in names):
         raise BuildError(
             f"The compiled library '{path}' has no '{names[0]}', so that it is not what its name "
             "says; run clear_cache()."

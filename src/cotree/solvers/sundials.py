@@ -92,7 +92,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
         functions = ffi.new("cotree_sundials *")
         for function in sundials_functions(library):
             setattr(functions, function, ffi.addressof(opened, function))
-    except (OSError, AttributeError) as error:
+    except (OSError, AttributeError, ffi.error) as error:
         return f"SUNDIALS' functions cannot be found ({error})"
     return functions, opened
 
@@ -104,7 +104,7 @@ def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
     """
     try:
         get_version = library.SUNDIALSGetVersionNumber
-    except AttributeError:
+    except (AttributeError, ffi.error):
         for folder in Path(path).parent.glob("sundials4py-*.dist-info"):
             found = re.match(r"sundials4py-(\d+)\.(\d+)\.", folder.name)
             if found:
