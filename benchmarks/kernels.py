@@ -24,13 +24,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
+from evaluated_kernels import EvaluatedKernels
 from rod_chain import rod_chain
 from timing import Contender, about, difference, in_turn, keep, own, show, table
 
 import cotree
 from cotree import Scene
 from cotree.build import BuildOptions, compiler_flags, find_toolchain
-from cotree.model.kernels import PythonKernels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -155,7 +155,7 @@ def _check(row: Row, model: Any, one: Contender, x: Any, s: Any) -> None:
     """Compare the compiled code with an evaluation of its program in Python."""
     assert one.call is not None
     one.call(1)
-    kernels = PythonKernels(model.kernels.program)
+    kernels = EvaluatedKernels(model.kernels.program)
     kernels.prepare(model.default_parameters)
     step = np.zeros_like(x)
     step[0] = 1e-9  # which a call begins with
