@@ -38,20 +38,23 @@ def rates(_, state):
     return np.concatenate([np.linalg.solve(INERTIA - MASS * cross @ cross, moment), up_rate])
 
 
-def reference(times):
-    up, w = np.array([0.0, np.sin(LEAN), np.cos(LEAN)]), np.array([0.0, 0.0, SPIN])
-    settings = {"rtol": 1e-12, "atol": 1e-13, "method": "DOP853", "t_eval": times}
-    return solve_ivp(rates, (0, times[-1]), np.concatenate([w, up]), **settings).y[:3]
+def reference(times, spin=SPIN):
+    up, w = np.array([0.0, np.sin(LEAN), np.cos(LEAN)]), np.array([0.0, 0.0, spin])
+    settings = {"rtol": 1e-13, "atol": 1e-14, "method": "DOP853", "t_eval": times}
+    start = np.concatenate([w, up])
+    return solve_ivp(rates, (0, times[-1]), start, **settings).y[:3]
 
 
-def rattleback(**edge):
+def rattleback(sensitivities=(), **edge):
     up, w = np.array([0.0, np.sin(LEAN), np.cos(LEAN)]), np.array([0.0, 0.0, SPIN])
     r = contact_point(up)
     turn = np.array([[1, 0, 0], [0, np.cos(LEAN), -np.sin(LEAN)], [0, np.sin(LEAN), np.cos(LEAN)]])
-    velocity = turn @ np.cross(r, w)
-    initial = {"z": -(turn @ r)[2], "rotation": [LEAN, 0, 0], "w3": SPIN}
-    initial |= dict(zip(("vx", "vy", "vz"), velocity.tolist(), strict=True))
+    velocity = turn @ np.cross(r, w) / SPIN
+    initial = {"z": -(turn @ r)[2], "rotation": [LEAN, 0, 0], "w3": "spin"}
+    for name, share in zip(("vx", "vy", "vz"), velocity.tolist(), strict=True):
+        initial[name] = f"{share!r}*spin"
     scene = cotree.Scene("rattleback", gravity=(0, 0, -G))
+    scene.parameter("spin", SPIN)
     body = {"mass": MASS, "inertia": INERTIA.tolist(), "initial": initial}
     scene.edge("body", "rigid_body", "ground", "M", **body)
     scene.edge("up", "arm", "M", "E", vector=[0, 0, HEIGHT])
@@ -61,7 +64,7 @@ def rattleback(**edge):
     scene.output("energy", "energy.kinetic + energy.potential")
     if not is_rolling:
         scene.output("gap", "roll.normal.s")
-    return scene.compile(optimize="-O0")
+    return scene.compile(sensitivities, optimize="-O0")
 
 
 def test_a_rolling_rattleback_moves_by_its_equations_and_turns_back():
@@ -74,6 +77,19 @@ def test_a_rolling_rattleback_moves_by_its_equations_and_turns_back():
     assert own[2, 0] == SPIN
     assert own[2].max() > 0.5
     np.testing.assert_allclose(result["energy"], result["energy"][0], rtol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["dopri5", "rodas5"])
+def test_a_rattleback_that_sticks_to_a_rigid_contact_rolls(method):
+    model = rattleback(["spin"], type="rigid_contact", friction=1.0)
+    result = model.simulate((0, 1), [0.0, 1.0], method=method, rtol=1e-11, atol=1e-13)
+    assert not any(row.t.size for row in result.events.values())
+    exact = reference([1.0], SPIN + 1e-30j)[:, -1]
+    own = [f"body.w{i}" for i in (1, 2, 3)]
+    np.testing.assert_allclose([result[name][-1] for name in own], exact.real, atol=1e-9)
+    slopes = [result.sensitivity(name, "spin")[-1] for name in own]
+    np.testing.assert_allclose(slopes, exact.imag / 1e-30, atol=1e-9)
+    np.testing.assert_allclose(result["energy"], result["energy"][0], rtol=1e-9)
 
 
 @pytest.mark.slow
