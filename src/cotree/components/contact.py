@@ -138,10 +138,9 @@ def spots_of(edge: str, given: Given) -> int:
             "carries: give one of them"
         )
     if "size" in given:
-        if given.keys() & {"radius", "axis", "length", "semiaxes", "ball"}:
+        if given.keys() & {"radius", "axis", "length", "semiaxes"}:
             raise SceneError(
-                f"{whose} has the size of a box, whose corners touch a plane: remove radius, "
-                "axis, length, semiaxes and ball"
+                f"{whose} has the size of a box: remove radius, axis, length and semiaxes"
             )
         sides = box_edges(given["size"])
         if not sides:
@@ -149,7 +148,7 @@ def spots_of(edge: str, given: Given) -> int:
                 f"size of {whose} is zero along every axis: give the lengths of the box's "
                 "edges, or remove size, so that the node itself touches"
             )
-        return int(2 ** len(sides))
+        return 1 if "ball" in given else int(2 ** len(sides))
     if "semiaxes" in given:
         if given.keys() & {"radius", "axis", "length", "ball"}:
             raise SceneError(
@@ -158,12 +157,9 @@ def spots_of(edge: str, given: Given) -> int:
             )
         return 1
     if "axis" in given:
-        if "radius" not in given or "ball" in given:
-            raise SceneError(
-                f"{whose} has the axis of a disc or cylinder: it needs a radius, and a plane to "
-                "touch"
-            )
-        return 2 if "length" in given else 1
+        if "radius" not in given:
+            raise SceneError(f"{whose} has the axis of a disc or cylinder: it needs a radius")
+        return 2 if "length" in given and "ball" not in given else 1
     if "length" in given:
         raise SceneError(f"{whose} has the length of a cylinder, and needs its axis")
     return 1
@@ -198,11 +194,27 @@ def slide_name(direction: int, suffix: str) -> str:
     return f"slide{direction + 1}{suffix}"
 
 
-def geometry_of(given: Given) -> Component:
-    """Return the part of a contact that belongs to the multibody system, for the given fields."""
+def shaped(made: Component, edge: str, given: Given) -> tuple[Component, Given]:
+    """Return a contact with its part in the multibody system, and its fields.
+
+    A box, disc or cylinder touches a ball with a face, an edge, a rim or a corner. Fields that are
+    1 beyond a face or rim select the region: comparisons, which become modes with events.
+    """
     # If the force passes through the second node, it does not affect the rotation of this node.
     is_central = not given.keys() & {"friction", "axis", "size", "semiaxes"}
-    return replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
+    geometry = replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
+    names: list[str] = []
+    if "ball" in given and "size" in given:
+        names = [f"beyond_{'xyz'[i]}" for i in box_edges(given["size"])]
+    elif "ball" in given and "axis" in given:
+        names = ["beyond_rim", "beyond_end"] if "length" in given else ["beyond_rim"]
+    added = tuple(Field(name, "1", _BEYOND, constant=False) for name in names)
+    regions = {name: f"where({edge}.{name} >= 0, 1, 0)" for name in names}
+    geometry = replace(geometry, fields=(*geometry.fields, *added))
+    return replace(made, fields=(*made.fields, *added), geometry=geometry), {**given, **regions}
+
+
+_BEYOND = "1 while the ball's centre is beyond a face or rim of the second body"
 
 
 #: Length, [m], added to the penetration depth in powers, so that derivatives are finite.
@@ -284,10 +296,9 @@ def _exponent(edge: str, given: Given) -> float:
 def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
     forces = _ContactForces(_exponent(edge, given), "normal" in given, has_friction)
-    own = replace(
-        CONTACT, ports=forces.ports(n_spots), measures=pushes(n_spots), geometry=geometry_of(given)
-    )
-    return own, nodes, {name: value for name, value in given.items() if name != "exponent"}
+    own = replace(CONTACT, ports=forces.ports(n_spots), measures=pushes(n_spots))
+    own, fields = shaped(own, edge, given)
+    return own, nodes, {name: value for name, value in fields.items() if name != "exponent"}
 
 
 _LAWS = (
@@ -388,9 +399,9 @@ def with_discs(component: Component) -> Component:
 
 def _adapt_rigid(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
-    ports, geometry = _ports(n_spots, has_friction), geometry_of(given)
-    own = replace(RIGID_CONTACT, ports=ports, measures=pushes(n_spots), geometry=geometry)
-    return own, nodes, given
+    own = replace(RIGID_CONTACT, ports=_ports(n_spots, has_friction), measures=pushes(n_spots))
+    own, fields = shaped(own, edge, given)
+    return own, nodes, fields
 
 
 RIGID_CONTACT = scalar(

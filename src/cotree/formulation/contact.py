@@ -8,14 +8,26 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cotree.dag import vector
 from cotree.dag.dual import function
+from cotree.formulation.across import View, weighted
 from cotree.formulation.fields import BoundEdge, plane_axes
-from cotree.formulation.measures import Carried, Ends, Pull, carried_by, chord_ends, pull_in_place
+from cotree.formulation.measures import (
+    AxisLength,
+    Carried,
+    Composite,
+    Ends,
+    Pull,
+    carried_by,
+    chord_ends,
+    pull_in_place,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.components.terminal import Touch
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Vector
-    from cotree.formulation.across import Motion, View
+    from cotree.formulation.across import Motion
     from cotree.formulation.measures import Facing
 
 
@@ -62,24 +74,59 @@ class Slip:
 
 
 @dataclass(frozen=True)
+class Nearest:
+    """The point of a box, disc or cylinder that is nearest to a ball's centre."""
+
+    axes: Sequence[Carried]
+    #: Coordinates along the axes from the point to the second node, as functions of those from the
+    #: ball's centre.
+    coordinates: Sequence[Composite]
+
+    def _opposite(self, vectors: list[Any], factors: list[Any]) -> Any:
+        zero = vector.zeros(self.coordinates[0].time.dag)
+        return vector.neg(weighted(zero, vectors, factors))
+
+    def depth(self, view: View, facing: Facing) -> Any:
+        """Return the depth of the point below the second node, along the normal."""
+        return -vector.dot(facing.value(view), self.place(view, facing))
+
+    def place(self, view: View, facing: Facing) -> Any:
+        """Return the vector from the second node to the point."""
+        axes = [axis.value(view) for axis in self.axes]
+        return self._opposite(axes, [part.value(view) for part in self.coordinates])
+
+    def place_rate(self, view: View, facing: Facing) -> Any:
+        """Return the time derivative of ``place``; the point moves over the body."""
+        axes = [form(view) for axis in self.axes for form in (axis.rate, axis.value)]
+        parts = [form(view) for part in self.coordinates for form in (part.value, part.rate)]
+        return self._opposite(axes, parts)
+
+
+@dataclass(frozen=True)
 class Centres:
-    """The direction from one ball's centre to the other's; ``edge`` is for messages."""
+    """The direction from a ball's centre to the other ball's, or to the nearest point of a body."""
 
     ends: Ends
-    edge: str
+    edge: str  # for messages
+    surface: Surface
 
     def _polar(self, view: View) -> Any:
         origin = f"distance of the centres of edge '{self.edge}', which must lie apart"
-        return vector.polar(self.ends.reach(view), origin)
+        reach = self.ends.reach(view)
+        if isinstance(self.surface, Nearest):
+            reach = vector.add(reach, self.surface.place(view, self))
+        return vector.polar(reach, origin)
 
     def value(self, view: View) -> Any:
         """Return the unit vector."""
         return self._polar(view)[1]
 
     def rate(self, view: View) -> Any:
-        """Return the part of r' perpendicular to the direction, divided by the distance."""
+        """Return the part of the rate perpendicular to the direction, divided by the distance."""
         length, along = self._polar(view)
         closing = self.ends.closing(view)
+        if isinstance(self.surface, Nearest):
+            closing = vector.add(closing, self.surface.place_rate(view, self))
         across = vector.sub(closing, vector.scale(vector.dot(along, closing), along))
         return vector.scale(1.0 / length, across)
 
@@ -341,7 +388,9 @@ class Touching:
 
 
 def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
-    """Return the shape of the second body: a disc, an ellipsoid, a sphere or a point."""
+    """Return the shape of the second body."""
+    if "ball" in edge.scalars and edge.vectors.keys() & {"size", "axis"}:
+        return _nearest(motion, edge, ends)
     if "semiaxes" in edge.vectors:
         x, y, z = (carried_by(motion, ends, 1, e) for e in vector.identity(motion.system.dag))
         return Ellipsoid((x, y, z), edge.vectors["semiaxes"])
@@ -351,12 +400,70 @@ def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
     return Ball(radius)
 
 
+def _axes(motion: Motion, edge: BoundEdge, ends: Ends) -> list[AxisLength]:
+    """Return the coordinates of a box, disc or cylinder along its axes; z is the axis of a disc."""
+    if "size" in edge.vectors:
+        axes = vector.identity(motion.system.dag)
+    else:
+        axis = edge.vectors["axis"]
+        axes = (*plane_axes(axis), axis)
+    return [AxisLength(ends, carried_by(motion, ends, 1, e)) for e in axes]
+
+
+def _nearest(motion: Motion, edge: BoundEdge, ends: Ends) -> Nearest:
+    """Return the nearest point of a box, disc or cylinder.
+
+    Modes of the edge select its regions (faces, edges and corners), within which the point is a
+    smooth function of the position.
+    """
+    dag, parts = motion.system.dag, _axes(motion, edge, ends)
+    at = [dag.symbol("measure", i) for i in range(3)]
+
+    def clipped(x: Node, length: Node, name: str) -> Node:
+        if length.is_zero:
+            return dag.zero
+        beyond = edge.scalars[f"beyond_{name}"]
+        return (1.0 - beyond) * x + 0.5 * beyond * length * dag.function("sign", x)
+
+    if "size" in edge.vectors:
+        own = [clipped(*row) for row in zip(at, edge.vectors["size"], "xyz", strict=True)]
+    else:
+        beyond = edge.scalars["beyond_rim"]
+        # The term 1 - beyond keeps the root positive on the axis.
+        out = dag.function("sqrt", at[0] * at[0] + at[1] * at[1] + (1.0 - beyond))
+        share = 1.0 - beyond + beyond * edge.scalars["radius"] / out
+        length = edge.scalars.get("length", dag.zero)
+        own = [share * at[0], share * at[1], clipped(at[2], length, "end")]
+    own_parts = [Composite(parts, node, motion.system.time) for node in own]
+    return Nearest([part.axis for part in parts], own_parts)
+
+
+def beyond(motion: Motion, edge: BoundEdge, name: str) -> Node | None:
+    """Return how far a ball's centre is beyond a face or rim, or None for other names, [m^2].
+
+    The value is the square of a coordinate, or of the distance from an axis, minus the square of
+    half the size, or of the radius.
+    """
+    if f"beyond_{name}" not in edge.scalars:
+        return None
+    view, axes = View(motion), _axes(motion, edge, chord_ends(motion, edge))
+    x, y, z = (measure.value(view) for measure in axes)
+    square, half = x * x + y * y, edge.scalars.get("radius", motion.system.dag.zero)
+    if name == "end":
+        square, half = z * z, 0.5 * edge.scalars["length"]
+    elif name != "rim":
+        i = "xyz".index(name)
+        square, half = (x, y, z)[i] * (x, y, z)[i], 0.5 * edge.vectors["size"][i]
+    excess: Node = square - half * half
+    return excess
+
+
 def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
     """Return the measure of the gap or of a slip at one point of a contact."""
     ends = _ends_at(chord_ends(motion, edge), edge, touch.spot)
     dag = motion.system.dag
     surface = surface_of(motion, edge, ends)
-    facing: Facing = Centres(ends, edge.name)
+    facing: Facing = Centres(ends, edge.name, surface)
     rise = edge.scalars.get("ball", dag.zero)
     if "normal" in edge.vectors:
         facing = carried_by(motion, ends, 0, edge.vectors["normal"])
@@ -408,6 +515,8 @@ def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
 
 def _offset(edge: BoundEdge, spot: int) -> Vector | None:
     """Return the position of a contact point in node axes, or None if it is the node itself."""
+    if "ball" in edge.scalars:
+        return None
     if "size" in edge.vectors:
         size = edge.vectors["size"]
         corner = list(vector.zeros(size[0].dag))

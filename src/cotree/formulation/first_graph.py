@@ -262,7 +262,14 @@ def form_first_graph(
     observer = Observer(view, loaded, balanced, applied, observed, owners, names)
     measured, reactions = _measured(observer, attached.reacting, whole)
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
-    holdings = tuple(replace(r, column=tuple(substitute(r.column, known))) for r in holdings)
+    holdings = tuple(
+        replace(
+            row,
+            column=tuple(substitute(row.column, known)),
+            gradient=tuple(substitute(row.gradient, known)),
+        )
+        for row in holdings
+    )
     states = (*_states(scene, system), *system.modes, *(network.states if network else ()))
     outputs = form_outputs(observer, scene)
     return FirstGraph(

@@ -60,6 +60,10 @@ def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node |
         found = _chord_coordinate(motion, edge, last, is_acting)
         if found is not None:
             return found
+    if edge is not None and edge.component.role is Role.TOUCH and last.startswith("beyond_"):
+        from cotree.formulation.contact import beyond
+
+        return beyond(motion, edge, last.removeprefix("beyond_"))
     if point is None:
         return None
     if last in ("x", "y", "z"):

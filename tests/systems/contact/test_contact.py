@@ -231,7 +231,9 @@ def test_a_cylinder_lies_on_two_rims():
     [
         ({}, "needs the normal of a plane or the radius of a ball"),
         ({"normal": [0, 1, 0], "ball": 1}, "needs the normal of a plane or the radius of a ball"),
-        ({"ball": 1, "size": [1, 1, 1]}, "whose corners touch a plane"),
+        ({"ball": 1, "size": [1, 1, 1], "radius": 1}, "size of a box: remove radius, axis"),
+        ({"ball": 1, "semiaxes": [1, 1, 1]}, "ellipsoid, which touches a plane: remove"),
+        ({"ball": 1, "axis": [0, 0, 1]}, "needs a radius"),
         ({"normal": [0, 1, 0], "axis": [0, 0, 1]}, "needs a radius"),
         ({"normal": [0, 1, 0], "length": 2}, "needs its axis"),
         ({"normal": [0, 1, 0], "exponent": "n"}, "exponent of edge 'c' must be a number"),
