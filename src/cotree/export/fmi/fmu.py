@@ -101,17 +101,16 @@ def wanted_platforms(names: Sequence[str] | None, version: int) -> list[Platform
 
 
 def build_libraries(
-    files: Mapping[str, str], platforms: Sequence[Platform], n_operations: int, n_all: int
+    files: Mapping[str, str], platforms: Sequence[Platform], n_operations: int
 ) -> dict[str, bytes]:
     """Compile the sources; return the libraries by the names of their platforms.
 
-    The operations of the longest function, ``n_operations``, and of all functions, ``n_all``,
-    determine the compiler's level.
+    The operations of the longest function, ``n_operations``, determine the compiler's level.
     """
     own, libraries = this_platform(), {}
     for row in platforms:
         toolchain = _toolchain(row, is_own=row.name == own)
-        flags = [*compiler_flags(toolchain, BuildOptions(), n_operations, n_all)]
+        flags = [*compiler_flags(toolchain, BuildOptions(), n_operations)]
         flags += ["-fvisibility=hidden"]
         if row.suffix == ".dll":
             flags = [flag for flag in flags if flag != "-fPIC"]
@@ -308,10 +307,9 @@ def write_fmu(
     if choice.version == 3:
         written["sources/buildDescription.xml"] = description.build_description().encode()
     written |= extra
-    n_all = sum(count.total for count in program.operations.values())
     n_longest = max(kernel.operations.total for kernel in program.kernels.values())
     n_longest = max([n_longest, *(k.operations.total for k in kernels.present)])
-    for name, library in build_libraries(files, platforms, n_longest, n_all).items():
+    for name, library in build_libraries(files, platforms, n_longest).items():
         row = next(row for row in platforms if row.name == name)
         place = f"binaries/{row.folder(choice.version)}/{identifier}{row.suffix}"
         written[place] = library
