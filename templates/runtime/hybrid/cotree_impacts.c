@@ -27,6 +27,24 @@ static int takes_part(const cotree_row *stop)
     return stop->side != COTREE_F(0.0) && stop->impact_role >= 0;
 }
 
+/* Return whether a row is friction in a joint that can be disengaged. Its limit may depend on
+ * reactions, which have impulses; the friction itself is a finite force without impulse. */
+static int can_disengage(const cotree_row *row)
+{
+    return row->type == COTREE_ROW_FRICTION && row->stop == NULL && row->engaged >= 0;
+}
+
+/* Return the mode that the kernels use for a row in an impact. Friction that is not at a contact
+ * has no impulse: it slides, or is disengaged. */
+static cotree_real mode_in_impact(const cotree_row *row)
+{
+    if (row->type == COTREE_ROW_STOP) return KERNEL_STRUCK * row->mode;
+    if (can_disengage(row)) return COTREE_FRICTION_FREE;
+    if (cotree_is_disc(row) && row->mode == COTREE_F(1.0)) return KERNEL_SLIDES;
+    if (row->type == COTREE_ROW_LOAD || row->mode != COTREE_F(0.0)) return row->mode;
+    return row->stop != NULL ? KERNEL_STICKS : COTREE_F(1.0);
+}
+
 /* Set the modes that the kernels use in the impact, and the events that prescribe changes of speed,
  * for the modes of the trial. */
 static void prepare_impulse(cotree_events *e)
@@ -34,16 +52,12 @@ static void prepare_impulse(cotree_events *e)
     cotree_row *row;
     int c;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
-        const int is_stop = row->type == COTREE_ROW_STOP, is_disc = cotree_is_disc(row);
         const int is_holding = row->type != COTREE_ROW_LOAD && cotree_is_holding(row);
-        row->kernel_mode = is_stop ? KERNEL_STRUCK * row->mode : row->mode;
-        /* Friction that is not at a contact has a finite force, and hence no impulse. */
-        if (!is_stop && is_holding)
-            row->kernel_mode = row->stop != NULL ? KERNEL_STICKS : COTREE_F(1.0);
-        if (is_disc && row->mode == COTREE_F(1.0)) row->kernel_mode = KERNEL_SLIDES;
+        row->kernel_mode = mode_in_impact(row);
         for (c = 0; c < COTREE_COMPONENTS; ++c)
             row->struck_events[c] = is_holding ? row->slips[c] : -1;
-        if (is_stop && is_holding) row->struck_events[0] = row->restitution_event;
+        if (row->type == COTREE_ROW_STOP && is_holding)
+            row->struck_events[0] = row->restitution_event;
     }
 }
 
@@ -266,6 +280,8 @@ int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
                               w[row->mode_state] == COTREE_F(1.0);
         /* The impulse changes no other speed across a sticking edge or a closed stop. */
         row->kernel_mode = ends_slip ? KERNEL_STICKS : row->mode;
+        if (row->mode != COTREE_F(0.0) && can_disengage(row))
+            row->kernel_mode = COTREE_FRICTION_FREE;
         for (c = 0; c < COTREE_COMPONENTS; ++c)
             row->struck_events[c] = ends_slip ? row->slips[c] : -1;
         is_needed = is_needed || ends_slip;

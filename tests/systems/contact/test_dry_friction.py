@@ -296,11 +296,28 @@ def test_friction_in_joints_brings_a_pendulum_to_rest():
     assert abs(result["held1"][-1] + upper) <= 1e-7
 
 
-def test_two_edges_on_one_joint_are_refused_by_name():
-    scene = pendulum()
-    scene.edge("more", "rotational_dry_friction", joint="h2", torque=0.1)
-    with pytest.raises(FormulationError, match="'R2' and 'more' both stick at 'h2'"):
-        scene.compile()
+def test_edges_with_friction_on_one_joint_act_as_one_with_the_sum_of_their_limits():
+    def final(torques):
+        scene = cotree.Scene("sum", gravity=[0, -9.81, 0])
+        given = {"theta": 1.2}
+        scene.edge("h", "revolute", "ground", "A", axis=[0, 0, 1], initial=given)
+        scene.edge("rod", "arm", "A", "B", vector=[0, -1.3, 0])
+        scene.edge("b", "rigid_body", "ground", "B", mass=2.0)
+        for i, torque in enumerate(torques):
+            scene.parameter(f"T{i}", torque)
+            scene.edge(f"R{i}", "rotational_dry_friction", joint="h", torque=f"T{i}")
+            scene.output(f"tau{i}", f"R{i}.tau")
+        result = scene.compile(["T0"]).simulate((0, 20), **TIGHT)
+        shares = [result[f"tau{i}"][-1] for i in range(len(torques))]
+        return result["h.theta"][-1], result.sensitivity("h.theta", "T0")[-1], shares
+
+    angle, slope, (whole,) = final([1.7])
+    other_angle, other_slope, shares = final([0.5, 0.2, 1.0])
+    assert abs(other_angle - angle) <= CLOSE
+    assert abs(other_slope - slope) <= CLOSE
+    # They share the load by least squares within their limits.
+    assert abs(shares[1] + 0.2) <= CLOSE
+    assert np.max(np.abs(np.array(shares)[[0, 2]] - (whole + 0.2) / 2)) <= CLOSE
 
 
 def test_friction_between_massless_nodes_is_refused_by_name():

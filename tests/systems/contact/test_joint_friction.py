@@ -215,3 +215,37 @@ def test_every_method_that_takes_events_finds_friction_with_its_reaction(method)
 def test_methods_of_scipy_refuse_friction_by_name():
     with pytest.raises(SolveError, match="'Radau' cannot take events, such as 'R stops'"):
         pendulum("T", T=1.0).compile().simulate((0, 1), method="Radau")
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.9])
+def test_joint_friction_has_no_impulse_when_another_joint_hits_its_stop(mu):
+    scene = cotree.Scene("double", gravity=[0, -G, 0])
+    scene.parameter("mu", mu)
+    e, m1, m2, l1, l2, i1, i2 = 0.5, 1.0, 0.7, 1.0, 0.8, 0.1, 0.05
+    given = {"theta": 0.3, "theta_dot": -2.0}
+    scene.edge("h1", "revolute", "ground", "A", axis=[0, 0, 1], initial=given)
+    scene.edge("a1", "arm", "A", "B", vector=[0, -l1, 0])
+    scene.edge("b1", "rigid_body", "ground", "B", mass=m1, inertia=i1)
+    given = {"theta": 0.4, "theta_dot": -1.0}
+    scene.edge("h2", "revolute", "B", "C", axis=[0, 0, 1], initial=given)
+    scene.edge("a2", "arm", "C", "D", vector=[0, -l2, 0])
+    scene.edge("b2", "rigid_body", "ground", "D", mass=m2, inertia=i2)
+    torque = "0.05*mu*sqrt(h1.fx**2 + h1.fy**2)"
+    scene.edge("R", "rotational_dry_friction", joint="h1", torque=torque)
+    scene.edge("stop", "rotational_rigid_stop", joint="h2", lower=0.1, restitution=e)
+    result = scene.compile().simulate((0, 0.5), **TIGHT)
+    hits = result.events["stop hits"]
+    before, after = (
+        dict(zip(result.states, y[:, 0], strict=True)) for y in (hits.y_before, hits.y_after)
+    )
+    # The impulse acts on the second hinge only, and the mass matrix transmits it.
+    a, c = before["h1.theta"], before["h1.theta"] + before["h2.theta"]
+    first = l1 * np.array([[cos(a), 0], [sin(a), 0]])
+    second = l2 * np.array([[cos(c), cos(c)], [sin(c), sin(c)]]) + first
+    turns = np.array([[1, 0]]), np.array([[1, 1]])
+    mass = m1 * first.T @ first + m2 * second.T @ second
+    mass += i1 * turns[0].T @ turns[0] + i2 * turns[1].T @ turns[1]
+    change = np.linalg.solve(mass, [0, 1])
+    change *= -(1 + e) * before["h2.theta_dot"] / change[1]
+    for name, own in zip(("h1.theta_dot", "h2.theta_dot"), change, strict=True):
+        assert abs(after[name] - before[name] - own) <= 1e-13

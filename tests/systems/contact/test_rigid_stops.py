@@ -377,11 +377,40 @@ def test_a_start_beyond_a_limit_ends_the_run_with_its_name():
         ball(h=-0.1).compile().simulate((0, 1), **TIGHT)
 
 
-def test_two_edges_that_hold_one_joint_are_refused_by_name():
-    scene = cart()
-    scene.edge("more", "translational_dry_friction", joint="j", force=1.0)
-    with pytest.raises(FormulationError, match="'F' and 'more' both hold 'j' at times"):
-        scene.compile()
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
+@pytest.mark.parametrize("push", [-6.0, -2.0, -1.0])
+def test_a_joint_with_friction_and_a_stop_shares_its_load_between_them(push, method):
+    scene = cotree.Scene("slide")
+    m, c, e, start = 1.5, 2.0, 0.4, 1.0
+    for name, value in {"F": push, "c": c}.items():
+        scene.parameter(name, value)
+    given = {"s": start, "s_dot": -1.0}
+    scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], initial=given)
+    scene.edge("b", "rigid_body", "ground", "A", mass=m)
+    scene.edge("push", "force_source", joint="j", force="F")
+    scene.edge("R", "translational_dry_friction", joint="j", force="c")
+    stop = {"lower": 0.0, "restitution": e, "rest_speed": 1e-3}
+    scene.edge("S", "translational_rigid_stop", joint="j", **stop)
+    scene.output("R", "R.f")
+    scene.output("S", "S.f")
+    run = {"method": method, "rtol": 1e-11, "atol": 1e-13}
+    result = scene.compile(["F", "c"]).simulate((0, 4), **run)
+    assert result.success, result.message
+    # Friction carries the push up to its limit, and the stop the rest, if the cart reaches it.
+    carried = max(push, -c)
+    assert abs(result["R"][-1] - carried) <= CLOSE
+    assert abs(result["S"][-1] - (push - carried)) <= CLOSE
+    assert abs(result["j.s_dot"][-1]) <= CLOSE
+    if push == -1.0:  # stops before the wall, from 1 m/s at (F + c)/m
+        place, slope = start - m / (2 * (push + c)), m / (2 * (push + c) ** 2)
+    elif push == -2.0:  # reaches the wall at 1 m/s, and rebounds against F - c
+        place, slope = m * e**2 / (2 * (c - push)), None
+    else:
+        place, slope = 0.0, 0.0
+    assert abs(result["j.s"][-1] - place) <= CLOSE
+    for name in ("F", "c"):
+        if slope is not None:
+            assert abs(result.sensitivity("j.s", name)[-1] - slope) <= CLOSE
 
 
 def test_a_stop_between_massless_nodes_is_refused_by_name():

@@ -27,23 +27,12 @@ if TYPE_CHECKING:
 
 def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
     """Raise FormulationError unless inertias determine the acceleration of each sticking edge."""
-    places: dict[tuple[str, ...], Port] = {}
     for name, port in ports.items():
         if not port.kind.may_hold:
             continue
         if port.terminal.touch is not None and len(port.ends.acts_on) > 1:
             continue  # the gap and the slips of a contact act in independent directions
         if port.is_coupling:
-            other = places.setdefault(port.ends.acts_on, port)
-            if other.edge.name != port.edge.name:
-                are_alike = other.kind is port.kind is Kind.FRICTION
-                place = f"'{', '.join(port.ends.acts_on)}'"
-                raise FormulationError(
-                    f"edges '{other.edge.name}' and '{port.edge.name}' both "
-                    f"{f'stick at {place}' if are_alike else f'hold {place} at times'}, so "
-                    "that their forces are indeterminate: combine them into one edge"
-                    + (", with the sum of both forces" if are_alike else "")
-                )
             continue
         whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
         if port.is_short:
