@@ -91,10 +91,7 @@ def _with_point(cell: str) -> str:
 
 
 def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
-    """Write rows of comma-separated values; nan is an empty cell.
-
-    Numbers have the fewest digits that read back as the same number.
-    """
+    """Write comma-separated rows: nan is an empty cell; numbers read back unchanged."""
     writer = csv.writer(file, lineterminator="\n")
     writer.writerows(map(_cell, row) for row in rows)
 
@@ -147,8 +144,7 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
 def atomic_write(path: str | os.PathLike[str], what: str = "the file") -> Iterator[Path]:
     """Return a temporary file that replaces a file once it is complete.
 
-    After an error the old file is unchanged. Devices, pipes and links are not replaced but written
-    to.
+    After an error the old file is unchanged. Devices, pipes and links are written to directly.
     """
     target = target_path(path, what)
     is_other = target.is_symlink() or (target.exists() and not target.is_file())

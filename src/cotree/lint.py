@@ -89,8 +89,7 @@ _LIKE = 0.8  # minimum similarity of two names, from 0 to 1
 def similar_name(name: str, others: Iterable[str]) -> str:
     """Return the one of ``others`` that ``name`` probably misspells, or "" if none is similar.
 
-    Names that differ in digits only, such as ``m1`` and ``m2``, are not similar, nor are names in
-    different parts.
+    Names in different parts, or that differ in digits only (``m1``, ``m2``), are not similar.
     """
     form, owner = _DIGITS.sub("#", name), name.rpartition(".")[0]
     alike = (other for other in others if other.rpartition(".")[0] == owner)

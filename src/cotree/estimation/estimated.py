@@ -87,10 +87,7 @@ class Scaled:
         )
 
     def scaled(self, values: Array) -> Array:
-        """Convert values to the optimiser's variables; both have shape (..., n).
-
-        On a logarithmic scale, zero becomes minus infinity.
-        """
+        """Convert values, (..., n), to the optimiser's variables; log scales map 0 to -inf."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(
                 self._is_log, np.log(np.where(self._is_log, values, 1.0)) / self._factors, values

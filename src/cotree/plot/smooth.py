@@ -33,8 +33,7 @@ _LINE_WIDTH = 2e-3
 def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -> RunRecord:
     """Return a repetition of a run at more times, or the same record if that is impossible.
 
-    Runs that failed, have many points or steps, or have Python functions as inputs are not
-    repeated.
+    Runs that failed, have many points or steps, or have Python inputs are not repeated.
     """
     t = record.t
     is_short = 2 <= len(t) < _SMOOTH and record.statistics.n_steps <= _MOST_STEPS

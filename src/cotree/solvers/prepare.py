@@ -71,10 +71,7 @@ _FUNCTIONS = (FunctionType, MethodType, BuiltinFunctionType)
 
 
 def key_of(given: Mapping[str, Any]) -> Hashable | None:
-    """Return a key that is equal for equal settings; None if they cannot be compared.
-
-    Arrays and lists are compared by their values, functions by their identity.
-    """
+    """Return a key equal for equal settings (functions by identity), or None if incomparable."""
     try:
         return tuple(given), _tokens(given.values())
     except _IncomparableError:

@@ -39,11 +39,7 @@ def first_step(
     longest: float,
     tolerances: tuple[float, FloatArray],
 ) -> float:
-    """Return a first step size, [s], for a method that begins with order 1.
-
-    See E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, second
-    edition, section II.4.
-    """
+    """Return a first step, [s], for order 1 (Hairer, Norsett, Wanner, ODEs I, 2nd ed., II.4)."""
     rtol, atol = tolerances
     weights = 1.0 / (atol + rtol * np.abs(z))
     rates = rates_at(t, z)
