@@ -49,7 +49,7 @@ def test_a_quick_one_prints_its_table_and_says_where_it_is(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("# operations")
     assert "| " in done.stdout
-    assert f"kept in {Path('kept') / 'README.md'}" in done.stderr
+    assert f"written to {Path('kept') / 'README.md'}" in done.stderr
     kept = json.loads((tmp_path / "kept" / "operations.json").read_text("utf-8"))
     assert kept["command"] == ["python", "benchmarks/operations.py", "5"]
 

@@ -113,21 +113,23 @@ def test_another_question_has_another_answer(formed, monkeypatch):
 
 @pytest.mark.compiler
 def test_laws_that_are_registered_are_not_kept(formed):
+    kept = set()
     for law in (lambda across, k: k * across, lambda across, k: 2.0 * k * across):
         cotree.register_component("own_spring", law, domain="translational")
         scene = cotree.Scene("own")
         scene.translational_mass("m", "ground", "A", mass=1.0, initial={"v": 1.0})
         scene.edge("s", "own_spring", "ground", "A", k=1.0)
         scene.compile(optimize="-O0")
+        kept.add(tuple(cache_directory().glob("*.text")))
     assert len(formed) == 2
-    assert not list(cache_directory().glob("*.text"))
+    assert len(kept) == 1  # only C declarations, which are the same for both
 
 
 @pytest.mark.compiler
 def test_a_damaged_file_is_made_again(formed):
     pendulum().compile()
-    (kept,) = cache_directory().glob("*.text")
-    kept.write_bytes(kept.read_bytes()[:-1])
+    for kept in cache_directory().glob("*.text"):
+        kept.write_bytes(kept.read_bytes()[:-1])
     pendulum().compile()
     pendulum().compile()
     assert len(formed) == 2

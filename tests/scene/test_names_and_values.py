@@ -169,7 +169,7 @@ def test_nodes_are_given_by_place_or_as_a_list():
         scene.edge("Q", "resistor", nodes=["a", "b", "c"], resistance=1.0)
     with pytest.raises(SceneError, match=r"edge 'Q' .* needs 3 nodes.*; there is 1"):
         scene.edge("Q", "mosfet_n", nodes=["a"])
-    with pytest.raises(SceneError, match="edge 'Q' has nodes twice"):
+    with pytest.raises(SceneError, match="edge 'Q' has nodes as arguments and"):
         scene.edge("Q", "resistor", "a", nodes=["a", "ground"], resistance=1.0)
     for wrong in ("ab", 5, None):
         with pytest.raises(SceneError, match="nodes of edge 'Q' must be a list"):

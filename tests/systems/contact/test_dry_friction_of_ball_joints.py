@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import cotree
-from cotree.errors import FormulationError, SceneError
+from cotree.errors import SceneError
 
 G = 9.81
 METHODS = ("dopri5", "dop853", "rodas5")
@@ -216,11 +216,23 @@ def test_what_a_ball_joint_refuses():
         ball_joint({}, torque=0.3, backward=0.2).compile()
     with pytest.raises(SceneError, match=r"three components: use stribeck_speed"):
         ball_joint({}, torque=[[0, 0.3], [1, 0.2]]).compile()
-    scene = ball_joint({}, torque=0.3)
-    scene.edge("b", "rigid_body", "ground", "A", mass=1.0, inertia=[1, 1, 1])
-    scene.edge("F2", "rotational_dry_friction", joint="h", torque=0.2)
-    with pytest.raises(FormulationError, match="combine them into one edge"):
-        scene.compile()
+
+
+def test_edges_with_friction_on_one_ball_joint_add_their_torques():
+    def stops(torques):
+        scene = cotree.Scene("top", gravity=[0, 0, -G])
+        scene.edge("h", "spherical", "ground", "A", initial={"w3": 4.0})
+        scene.edge("rod", "arm", "A", "B", vector=[0, 0, -1.0])
+        scene.edge("b", "rigid_body", "ground", "B", mass=2.0, inertia=[0.3, 0.3, 0.1])
+        for i, torque in enumerate(torques):
+            scene.edge(f"R{i}", "rotational_dry_friction", joint="h", torque=torque)
+        result = scene.compile().simulate((0, 3), rtol=1e-10, atol=1e-12)
+        assert result.success, result.message
+        return result.events["R0 stops"].t
+
+    # The body spins about its axis: J w = T t.
+    for torques in ([0.25], [0.1, 0.15]):
+        assert np.max(np.abs(stops(torques) - 0.1 * 4.0 / 0.25)) <= 1e-9
 
 
 @pytest.mark.parametrize("mu", [0.05, 0.2])
