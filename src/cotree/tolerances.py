@@ -54,8 +54,8 @@ class Limits(NamedTuple):
     most_stiff_steps: int = 1000
     #: Maximum length of a chain of simultaneous events that trigger each other.
     event_rounds: int = 50
-    #: Number of points of the interpolation polynomial, and maximum estimated error of explicit
-    #: methods, in tolerances.
+    #: Explicit methods: number of points of the interpolation polynomial, and its largest estimated
+    #: error, in tolerances.
     history_points: int = 6
     history_doubt: float = 4.0
     #: A pivot chosen in advance is accepted up to this relative error of matrix entries.

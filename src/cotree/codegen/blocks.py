@@ -68,7 +68,7 @@ _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 
 
 def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: int = NUMBER) -> int:
-    """Return an upper bound of the stack size of a function with its callees, [byte].
+    """Return an upper bound on the stack that a function and its callees use, [byte].
 
     The bound holds for gcc on 64-bit machines without optimisation, when every declared value and
     every argument is stored on the stack. Optimised frames are smaller, usually by a third.

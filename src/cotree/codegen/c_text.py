@@ -109,7 +109,7 @@ def paragraphs(text: str) -> tuple[tuple[Item, ...], ...]:
 
 
 def items(text: str) -> list[Item]:
-    """Return the items of a text."""
+    """Return the functions, declarations and directives of a C text."""
     return [item for paragraph in paragraphs(text) for item in paragraph]
 
 

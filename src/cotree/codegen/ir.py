@@ -220,7 +220,7 @@ def apply(op: str, *args: CExpression) -> CExpression:
 
 
 def call(function: str, *args: CExpression, op: str = "call") -> CExpression:
-    """Build a function call; ``op`` is ``part`` if the function is a part of the caller."""
+    """Build a function call; ``op`` is ``part`` if the callee was split off from the caller."""
     return _joined(_form(op, function, tuple([arg.form for arg in args])), args)
 
 
@@ -283,7 +283,7 @@ class Simple:
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """Expressions in the order of the text."""
+        """Expressions in the order in which they appear in the text."""
         return tuple([getattr(self, part) for part in self.parts])
 
     def of(self, expressions: Sequence[CExpression]) -> Self:
@@ -294,7 +294,7 @@ class Simple:
 
 @dataclass(frozen=True, slots=True)
 class Assign(Simple):
-    """Assignment of ``value`` to all of ``to``; a temporary must be first, and is declared here."""
+    """Assignment of ``value`` to all of ``to``; a temporary comes first, and is declared here."""
 
     to: tuple[CExpression, ...]
     value: CExpression

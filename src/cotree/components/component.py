@@ -132,7 +132,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Demand:
-    """A condition on several fields, which is checked for the parameter values."""
+    """A condition on several fields, checked at the current parameter values."""
 
     law: Law  # function of the fields; its value must be positive
     breach: str  # predicate of the error message; the edge's name is the subject

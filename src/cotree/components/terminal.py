@@ -36,7 +36,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Integral:
-    """A state that a port defines; terminal equations, fields and outputs may use it."""
+    """A state that integrates a port's variable; equations, fields and outputs may use it."""
 
     #: In a scene, the state is called ``edge.name``.
     name: str

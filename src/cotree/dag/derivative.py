@@ -143,7 +143,7 @@ class Clips:
         return False
 
     def _branches_of_args(self, node: Node) -> Iterable[tuple[Node, ...]]:
-        """Return the combinations of the arguments' branches; empty if none can be singular."""
+        """Return the combinations of the arguments' branches, or none if all are regular."""
         if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
             return ()
         branches = [self._of(arg) for arg in node.args]

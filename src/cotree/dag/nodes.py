@@ -314,7 +314,7 @@ class Dag:
         return result
 
     def function(self, name: str, *args: Node) -> Node:
-        """Form a function of :data:`OPERATIONS`; constants are folded and signs simplified.
+        """Build a node that applies a function of :data:`OPERATIONS`, with constants folded.
 
         Raise ValueError or OverflowError if its value at constants is nan or infinite.
         """

@@ -168,7 +168,7 @@ def _pieces(
 
 
 def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
-    """Return the lines of both branches of a selection."""
+    """Return both branches of a selection as linear functions of time."""
     condition, accepted, refused = node.args
     # max(x, 0), which occurs in sources with a delay, is a line that starts at its root.
     if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:

@@ -79,7 +79,7 @@ class Pattern:
 
 @dataclass(frozen=True)
 class NotBatchable:
-    """A plan whose members must run one by one, with its method chosen, and the reason."""
+    """A plan whose members must run one by one, with the method chosen and the reason."""
 
     plan: Plan
     why: str

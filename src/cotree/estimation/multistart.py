@@ -359,7 +359,7 @@ class Start:
         return rows
 
     def _high_values(self, theta: Array) -> Array:
-        """Return residuals; large values if a run fails, because MINPACK takes nan as converged."""
+        """Return residuals, or large values if a run fails: MINPACK treats nan as convergence."""
         rows = self._values(theta)
         return rows if np.all(np.isfinite(rows)) else np.full_like(rows, _HIGH)
 

@@ -98,7 +98,7 @@ def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node
 
 
 def _of_bodies(first: FirstGraph) -> Iterator[Term]:
-    """Yield masses and inertias of bodies, and vectors of arms."""
+    """Yield the masses and inertias of the bodies, and the arm vectors."""
     for name, edge in first.system.edges.items():
         place, axes = f"^{name}", _axes(edge.first)
         if edge.component.role is Role.BODY:

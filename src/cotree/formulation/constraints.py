@@ -104,7 +104,7 @@ def stabilised(measure: Measure, view: View, rate: float) -> Any:
 
 
 def along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Return the projection of a pull on the motion spaces: its power per unit of each speed."""
+    """Return the projection of a force onto the motion spaces: its power per unit of each speed."""
     return _along_speeds(motion, pull, project, lambda effort: effort)
 
 

@@ -303,7 +303,7 @@ class Ellipsoid:
         return self._entries(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return - sum a^2 m e / depth, the point at which n is normal to the surface."""
+        """Return the lowest point, -sum a^2 m e/depth, with the semi-axes a along the axes e."""
         entries, depth = self._entries(view, facing)
         parts = [
             vector.scale(-(s * m / depth), axis.value(view))

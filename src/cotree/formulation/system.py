@@ -1,4 +1,4 @@
-"""A scene bound to nodes: its symbols, coordinates and fields are nodes of one program."""
+"""A scene whose symbols, coordinates and fields are expression nodes of one program."""
 
 from __future__ import annotations
 

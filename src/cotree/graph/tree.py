@@ -223,7 +223,7 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
 
 
 def f_circuit(tree: Tree) -> TopologyMatrix:
-    """Return the f-circuit matrix of [1] eq. 2, (n_chords, n_edges), an identity in the chords.
+    """Return the f-circuit matrix, [1] eq. 2, (n_chords, n_edges); chord columns form an identity.
 
     It is +1 for branches that the circuit follows in their direction, -1 in the opposite one.
     """

@@ -119,7 +119,7 @@ SINGULAR = 1
 
 
 class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
-    """Kernels of one thread: C function, arguments, result, and whether t is an argument."""
+    """Each kernel of a thread: function, arguments, result, and whether t is an argument."""
 
     def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
         super().__init__()

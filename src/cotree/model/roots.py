@@ -166,7 +166,7 @@ class NaturalTest:
         self._before = max(length, TINY)
 
     def following(self, g: Array, damping: float) -> _Following | None:
-        """Return the matrix and step to reuse if the step is accepted, else None."""
+        """If the step is accepted, return the matrix and the step for reuse, else None."""
         step = -self._linear.solve(g)
         after = longest(step / self._units)
         if not after <= (1.0 - self.share * damping) * self._before:

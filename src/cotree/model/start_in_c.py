@@ -270,7 +270,7 @@ class StartCall(CObjects):
         return z[0].copy(), z[1:].T.copy()
 
     def _set_inputs(self) -> None:
-        """Pass the inputs that replace the scene's to C, as tables with one point."""
+        """Pass to C the inputs that override those of the scene, as tables with one point."""
         given = [] if self._at.u is None else self._at.u.tolist()
         rows = self.new("cotree_table_input[]", max(1, len(given)))
         for i, value in enumerate(given):

@@ -23,7 +23,7 @@ def is_urdf(source: str | Path) -> bool:
 
 
 def is_sbml(source: str | Path) -> bool:
-    """Return whether a file is an SBML model, by its suffix or its outermost element."""
+    """Return whether a file is an SBML model, judged by its suffix or its root element."""
     # The SBML reader rejects other XML files later.
     return _has_ending(source, ".sbml", ".xml") and not _begins_with(source, "robot")
 

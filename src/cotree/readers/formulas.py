@@ -1,4 +1,4 @@
-"""Conversion of other tools' formulas to expressions of scenes.
+"""Conversion of formulas from other tools to scene expressions.
 
 A reader converts the tokens of a formula to Python tokens. Python parses this text but never
 evaluates it. Then names, conditions, powers and functions in the syntax tree are replaced.

@@ -111,7 +111,7 @@ class Dimensions:
         self.faults: list[str] = []
 
     def of(self, tree: ast.expr) -> Dimension | None:
-        """Return the dimension of a checked tree, or None if it is unknown."""
+        """Return the dimension of a checked syntax tree, or None if it is unknown."""
         match tree:
             case ast.Constant(value=value):
                 is_plain = self._with_plain and value in _PLAIN

@@ -105,7 +105,7 @@ def _counts(given: object) -> tuple[int, ...]:
     if not 1 <= len(rows) <= len(_INDEX):
         raise SceneError(f"count has {len(rows)} numbers: give one, two or three")
     for row in rows:
-        # Booleans are numbers in Python, but no valid counts.
+        # Booleans are numbers in Python, but they are not valid counts.
         if isinstance(row, bool) or not isinstance(row, int) or row < 1:
             raise SceneError(f"count is {brief(repr(row))}: give a whole number from 1 on")
     return tuple(rows)

@@ -129,7 +129,7 @@ class Rows:
         self._job.times, self._job.values = self._pointers
 
     def stored(self, z: FloatArray, *, is_cut: bool) -> tuple[FloatArray, FloatArray]:
-        """Return stored times, and values (..., n_t), with the last point z if ``is_cut``."""
+        """Return the stored times and values (..., n_t); if ``is_cut``, append the last point z."""
         kept = int(self._job.n_kept)
         # The last step may not be stored if the stride exceeds 1.
         if is_cut or self.thinning.stride > 1:

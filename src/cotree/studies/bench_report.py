@@ -92,7 +92,7 @@ class BenchReport(Reported):
         if self.reference.agreement > target:
             return ()
         judges_own = self.judges_own(target)
-        # also false if an error is nan
+        # The comparison is also false if an error is nan.
         return fastest(
             row
             for row in self.rows

@@ -281,7 +281,7 @@ def slot(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def disc(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Draw a disc as a wheel with its radius."""
+    """Draw a disc as a wheel of the same radius."""
     place = draft.places[edge.second]
     if place.cluster in draft.with_visuals:
         return

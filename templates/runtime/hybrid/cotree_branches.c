@@ -35,7 +35,8 @@ static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
 /* Maximum number of Gauss-Seidel sweeps over the steep kinks whose arguments stay at zero. */
 #define MAX_SWEEPS 20
 
-/* How the roots of a steep kink drive its argument: not at all, towards zero, or away from zero. */
+/* Effect of a steep kink's roots on its argument, at the kink: they do not move it, or move it
+ * towards zero, or away from zero. */
 enum { DRIVES_NEITHER, DRIVES_TO_ZERO, DRIVES_AWAY };
 
 /* Write a point that is n_tolerances error tolerances from w to e->point, with the modes of jumps

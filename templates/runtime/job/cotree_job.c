@@ -454,7 +454,8 @@ static int store_after_events(cotree_job *job, cotree_real t)
     return status;
 }
 
-/* Return the derivatives of a breakpoint time by the parameters; NULL if all are zero. */
+/* Return the derivatives of a breakpoint time with respect to the parameters, or NULL if all
+ * are zero. */
 static const cotree_real *slopes_of(const cotree_job *job, int segment)
 {
 #if COTREE_HAS_MOVING_BREAKPOINTS
@@ -699,7 +700,7 @@ static cotree_real shortest_to_fold(const cotree_job *job)
     return COTREE_SELECT(1e-9, 1e-5f) * COTREE_FABS(span);
 }
 
-/* Repeat a step that ended beyond a fold with a quarter of its length, or fail. */
+/* Repeat a step that ended beyond a fold, with a quarter of its length, or fail. */
 static int return_before_fold(cotree_job *job, cotree_real start)
 {
     const cotree_real length = COTREE_F(0.25) * (job->t - start);

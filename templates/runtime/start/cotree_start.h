@@ -53,7 +53,7 @@ typedef struct cotree_start_call {
     int *contradictions;
 #endif
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
-    const cotree_helper *helper; /* solver of the caller for algebraic unknowns; NULL: none */
+    const cotree_helper *helper; /* the caller's solver for algebraic unknowns, or NULL */
     /* NULL: dense factorisations are used. Otherwise the caller checks that unknowns are
      * determined. */
     const cotree_elimination *elimination;

@@ -162,7 +162,7 @@ def form_network(
     at = dag, system.of_parameters
     redundant = redundant_values(ports, held, *at)
     roots = [*rates, *observed.values(), *(row.variable for row in redundant)]
-    # If a total of contents is a state, the variable that it determines is always an unknown.
+    # If a sum of contents is a state, the variable that it determines is always an unknown.
     roots += [store.unknown for store in stores.values()]
     plan = make_plan(terminals, roots)
     # Algebraic unknowns are numbered after all states that have a rate.
