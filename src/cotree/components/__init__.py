@@ -153,7 +153,7 @@ def register_component(
     if domain:
         made = make_network_component(name, law, domain=domain, units=units, doc=doc, **ports)
     elif ports or not callable(law):
-        raise SceneError(f"component '{name}' has ports: name the domain of their graph")
+        raise SceneError(f"component '{name}' has ports: give the domain of their graph")
     else:
         made = make_component(name, law, along=along, units=units, doc=doc)
     COMPONENTS[name] = made

@@ -480,7 +480,7 @@ def test_laws_of_users_that_are_refused(laws, settings, message):
 
 @pytest.mark.usefixtures("registry")
 def test_ports_need_a_domain():
-    with pytest.raises(SceneError, match="name the domain"):
+    with pytest.raises(SceneError, match="give the domain"):
         register_component("own", lambda across: across, gives="through")
 
 

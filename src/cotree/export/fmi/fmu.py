@@ -124,7 +124,7 @@ def _toolchain(row: Platform, *, is_own: bool) -> Toolchain:
         if found is None:
             raise BuildError(
                 "an FMU for this machine needs a C compiler: install one, or give platforms=[] for "
-                "an FMU of sources"
+                "an FMU that contains only sources"
             )
         return found
     if importlib.util.find_spec("ziglang") is None:

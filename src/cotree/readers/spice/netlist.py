@@ -290,7 +290,7 @@ class _Parser:
 
     def _begin(self, line: Line) -> None:
         if len(self.open) > _DEEPEST:
-            raise line.at.error(f".subckt within more than {_DEEPEST} others")
+            raise line.at.error(f".subckt is nested more than {_DEEPEST} levels deep")
         words, given = split_settings(line.words[1:])
         # In some simulators, ``params:`` precedes the parameters.
         words = tuple(word for word in words if word.lower() != "params:")

@@ -187,7 +187,7 @@ class Writer(Sheet[_Scene]):
         outer.check_name(line)
         # This limit also rejects a subcircuit that contains itself.
         if depth >= _DEEPEST:
-            raise line.at.error(f"subcircuits within more than {_DEEPEST} others")
+            raise line.at.error(f"subcircuits are nested more than {_DEEPEST} levels deep")
         if not words:
             raise line.at.error(f"{brief(line.words[0])} needs nodes and a subcircuit")
         circuit, home = outer.circuit_named(words[-1], line.at)

@@ -297,7 +297,7 @@ class SpiceFormula(Rewriter):
         if len(args) != len(own.arguments):
             raise ExpressionError(f"gives {name} {len(args)} arguments, not {len(own.arguments)}")
         if self._depth >= _DEEPEST:
-            raise ExpressionError(f"calls '{brief(name)}' within more than {_DEEPEST} others")
+            raise ExpressionError(f"calls '{brief(name)}', nested more than {_DEEPEST} levels deep")
         inner = Scope(dict(zip(own.arguments, args, strict=True)), self._scope)
         formula = SpiceFormula(inner, self._signal, self._depth + 1)
         return self._substituted(f"({formula.text(own.body)})")
