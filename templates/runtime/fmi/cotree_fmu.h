@@ -87,7 +87,7 @@ typedef struct fmu_tables {
                                 by all columns */
     cotree_state_kernel find_constraints;
     /* Computes the upper bounds of the step size; then the first time and the period of each
-     * series of time events, and the derivatives of both by each parameter with sensitivities. */
+     * series of time events, and the derivatives of both with respect to the parameters. */
     cotree_parameter_kernel find_stops;
 } fmu_tables;
 

@@ -314,9 +314,9 @@ void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
     }
 }
 
-/* Remove the rates of gaps that were closed until t, and the slips of contacts that stuck, by an
- * impulse. They are integration errors, since only forces have acted. Otherwise a gap that opens at
- * zero acceleration would close again at the speed of the error. */
+/* Apply an impulse that removes the residual speeds of gaps that were closed, and of contacts that
+ * stuck, before t. These speeds are integration errors, because only forces have acted. Without the
+ * impulse, a gap that opens at zero acceleration could close again. */
 static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     cotree_row *row;

@@ -11,8 +11,8 @@ COTREE_BEGIN_DECLS
 
 /* Series of breakpoints, one row of 3 + 2 * n_sensitivities numbers each: the first time; the
  * period, or zero; 1 if there is no breakpoint before the first time, -1 if there is none after
- * it, 0 otherwise; then the derivatives of the first time and of the period by each parameter with
- * sensitivities. A row whose first time is not finite has no breakpoints. */
+ * it, 0 otherwise; then the derivatives of the first time and of the period with respect to the
+ * sensitivity parameters. A row whose first time is not finite has no breakpoints. */
 typedef struct cotree_breakpoints {
     int n, n_sensitivities;
     const cotree_real *rows;

@@ -24,7 +24,7 @@ typedef struct cotree_implicit_equation {
     const int *algebraic; /* n_algebraic: indices of the algebraic unknowns in y */
     int is_autonomous;    /* 1: f does not depend on t */
     cotree_rate_function rate;
-    cotree_rate_function time_slope; /* derivatives of f by t; NULL: a finite difference is used */
+    cotree_rate_function time_slope; /* df/dt; NULL: a finite difference is used */
     /* Evaluate and store the Jacobian J of f at a point. */
     int (*linearise)(cotree_real t, const cotree_real *y, void *context);
     /* Factorise shift M - J. */

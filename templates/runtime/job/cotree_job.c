@@ -440,7 +440,7 @@ static int move_to_events(cotree_job *job, cotree_real t)
     return status == 0 ? COTREE_OK : COTREE_NOT_SOLVED;
 }
 
-/* Store the point after an event in place of the point before it. */
+/* Store the point after an event instead of the point before it. */
 static int store_after_events(cotree_job *job, cotree_real t)
 {
     const int is_kept = job->n_kept > 0 && job->times[job->n_kept - 1] == t;
@@ -700,7 +700,7 @@ static cotree_real shortest_to_fold(const cotree_job *job)
     return COTREE_SELECT(1e-9, 1e-5f) * COTREE_FABS(span);
 }
 
-/* Repeat a step that ended beyond a fold, with a quarter of its length, or fail. */
+/* After a step that ended beyond a fold, retry with a quarter of its length, or fail. */
 static int return_before_fold(cotree_job *job, cotree_real start)
 {
     const cotree_real length = COTREE_F(0.25) * (job->t - start);

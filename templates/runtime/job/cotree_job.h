@@ -32,7 +32,7 @@ typedef struct cotree_job {
     void *input_context;
 #endif
 #if COTREE_HAS_HELPER
-    const cotree_helper *helper; /* solver of the caller for algebraic unknowns; NULL: none */
+    const cotree_helper *helper; /* the caller's solver for algebraic unknowns, or NULL */
     int is_waiting; /* 1: the job returns if the problem is stiff and another method is likely to be
                        faster */
 #endif
@@ -69,8 +69,8 @@ typedef struct cotree_job {
     cotree_real scale;                /* largest time from which breakpoints are computed */
     int is_start_sharp, is_end_sharp; /* 1: rates also have a kink or jump at this end */
 #if COTREE_HAS_MOVING_BREAKPOINTS
-    /* Derivatives of the breakpoint times by the parameters, in one row for each breakpoint, and
-     * the largest differences of these derivatives among coinciding time events. NULL: zero. */
+    /* Derivatives of the breakpoint times with respect to the parameters, one row for each
+     * breakpoint, and their largest differences among coinciding time events. NULL: zero. */
     const cotree_real *slopes;
     const cotree_real *spreads;
     const cotree_real *turn_tolerances; /* absolute tolerances of the sensitivities, by parameter */

@@ -95,7 +95,7 @@ static int newton_from_guess(cotree_run *run, cotree_real t, cotree_real *x)
     return status != 0 ? status : cotree_iterate(&a);
 }
 
-/* Return the index of a stored solution, counted backwards from the next free place. */
+/* Return the index of a stored solution, counted backwards from the next free entry. */
 static int guess_place(const cotree_run *run, int back)
 {
     return (run->n_found - back) & (COTREE_RUN_REMEMBERED - 1);
@@ -547,7 +547,7 @@ int cotree_run_is_continuous(cotree_run *run, cotree_real t, int n, const cotree
     cotree_real from = COTREE_F(0.0), to = COTREE_F(1.0), all, rest;
     int i, k;
 #if COTREE_HAS_INPUTS
-    if (run->input_function != NULL) return 1; /* inputs of the caller may be discontinuous */
+    if (run->input_function != NULL) return 1; /* the caller's inputs may be discontinuous */
 #endif
     if (are_predicted(run, t, end)) return 1;
     for (i = 0; i < m; ++i) {

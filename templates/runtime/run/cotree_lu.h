@@ -21,7 +21,7 @@ typedef struct cotree_lu {
 /* Return the number of entries to allocate. */
 size_t cotree_lu_doubles(int n, int lower, int upper);
 
-/* Return a matrix that uses memory of the caller, with n ints for its pivots. */
+/* Return a matrix that uses the caller's memory, with n ints for its pivots. */
 cotree_lu cotree_lu_of(int n, int lower, int upper, cotree_real *memory, int *pivots);
 
 /* Factorise in place. Return 0, or 1 if the matrix is singular. */

@@ -73,7 +73,7 @@ typedef struct cotree_run {
     void *input_context;
 #endif
 #if COTREE_HAS_HELPER
-    const cotree_helper *helper; /* solver of the caller for algebraic unknowns; NULL: none */
+    const cotree_helper *helper; /* the caller's solver for algebraic unknowns, or NULL */
 #endif
 #if COTREE_HAS_CONSTRAINTS
     int is_held;   /* 1, the default: constraints are satisfied by projection */
@@ -123,7 +123,7 @@ typedef struct cotree_run {
 typedef struct cotree_breakpoint_sensitivity {
     cotree_real *w, *left, *right,
         *work; /* run->n numbers each: a point, the rates before and after the event, work */
-    const cotree_real *slopes;     /* derivatives of the event time by parameter */
+    const cotree_real *slopes;     /* parameter derivatives of the event time */
     const cotree_real *spreads;    /* largest difference of slopes among coinciding events */
     const cotree_real *tolerances; /* absolute tolerances of the sensitivities to each parameter */
     cotree_real rtol;              /* relative tolerance of the sensitivities */
