@@ -124,7 +124,7 @@ def open_spec(data: bytes) -> BuildSpec:
             # The scene may contain components that only the other process has registered.
             reason = str(error).split(";")[0].rstrip(".")
     raise ModelError(
-        "this model came from another process as C text, and the request needs its scene, "
+        "this model came from another process as C source, and the request needs its scene, "
         f"which cannot be read here ({reason}): first register its components and import its "
         "modules here, or make the request where the model was compiled"
     )

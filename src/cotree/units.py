@@ -234,7 +234,7 @@ def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, 
             if not re.fullmatch(r"-?[\d.]+", digits):
                 raise UnitError("which has a power that is not a number")
             return _factors(left, names, power * float(digits))
-    raise UnitError("which has a number in place of a symbol")
+    raise UnitError("which has a number instead of a symbol")
 
 
 def _written(parts: list[tuple[str, float]]) -> str:

@@ -37,6 +37,6 @@ def test_an_abandoned_thread_ends_its_compiler_and_starts_no_other(tmp_path):
     abandon(thread)
     thread.join(60.0)  # far less than the commands would take
     assert not thread.is_alive()
-    assert found == ["the result of the compiler is no longer needed"] * 2
+    assert found == ["compilation cancelled: its result is no longer needed"] * 2
     # Threads that nobody abandoned are left alone.
     assert run_limited(["/bin/sh", "-c", "true"], tmp_path, 60.0).status == 0

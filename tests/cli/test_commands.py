@@ -223,7 +223,7 @@ def test_run_draws_what_is_named(
         in (printed.err)
     )
     assert main([*run[:-2], "--show", "h2.theta"]) == 2
-    assert "give --plot FILE, too" in capsys.readouterr().err
+    assert "also give --plot FILE" in capsys.readouterr().err
 
 
 def test_picture_leaves_out_what_cannot_be_differenced(

@@ -149,7 +149,7 @@ def test_an_interrupted_sweep_writes_what_is_done(tmp_path, monkeypatch, capsys)
         (["--grid", "L=1", "-o", "no/out.nc"], "there is no folder 'no'"),
         (["--grid", "L=1", "-o", "folder.nc"], "folder of other files"),
         (["--grid", "L=1", "--plot", "out.gif"], "unknown suffix '.gif'"),
-        (["--grid", "L=1", "--show", "L"], "give --plot FILE, too"),
+        (["--grid", "L=1", "--show", "L"], "also give --plot FILE"),
         (["--grid", "L=1", "--plot", "p.png", "--show", "j1.z"], "cannot plot 'j1.z'"),
         (["--grid", "L=1", "--output", "rodx"], "did you mean 'rod_x'"),
         (["--grid", "L=1", "--of", "sum"], "--of is 'sum'"),

@@ -62,7 +62,7 @@ def test_values_in_si(text, value, si, wanted):
     ("text", "told"),
     [
         ("furlongg", "did you mean 'furlong'"),
-        ("m/s2", "a number in place of a symbol"),
+        ("m/s2", "a number instead of a symbol"),
         ("10**10**10", "a power that is not a number"),
         ("m**9**9", "a power that is not a number"),
         ("m^99", "a power beyond 12"),

@@ -110,7 +110,7 @@ def abandon(thread: threading.Thread) -> None:
 
 def _check_wanted(thread: threading.Thread) -> None:
     if thread in _abandoned:
-        raise BuildError("the result of the compiler is no longer needed")
+        raise BuildError("compilation cancelled: its result is no longer needed")
 
 
 def _with_memory_limit(command: Sequence[str]) -> list[str]:

@@ -449,7 +449,7 @@ def run_scene(
     check_folder(csv)
     check_picture(plot)
     if show and plot is None and animate is None:
-        raise typer.BadParameter("--show selects what --plot draws: give --plot FILE, too")
+        raise typer.BadParameter("--show selects the curves of a plot: also give --plot FILE")
     described = read_scene(scene, settings)
     is_moving = check_animated(animate, described)
     warn_of(described)

@@ -257,7 +257,7 @@ def sweep_scene(
         check_dataset_file(file)
     check_picture(plot)
     if show and plot is None:
-        raise typer.BadParameter("--show says what --plot draws: give --plot FILE, too")
+        raise typer.BadParameter("--show selects the curves of a plot: also give --plot FILE")
     if of not in SUMMARIES:
         raise typer.BadParameter(f"--of is '{of}': give {', '.join(SUMMARIES)}")
     swept = (text.partition("=")[0].strip() for text in (*grid, *sample))

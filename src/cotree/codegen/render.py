@@ -75,7 +75,7 @@ def render(template: str, target: Target = DOUBLE, **context: object) -> str:
     text = environment(target).get_template(template).render(**context)
     if len(text) > LARGEST_FILE:
         raise CodegenError(
-            f"the C text has {len(text)} characters: request fewer sensitivities or outputs"
+            f"the C source has {len(text)} characters: request fewer sensitivities or outputs"
         )
     return text
 
@@ -94,7 +94,7 @@ class Features:
     #: Whether rates have kinks at times that depend on sensitivity parameters.
     moving_breakpoints: bool = True
     implicit: bool = True  # whether an implicit method uses a Jacobian
-    helper: bool = True  # whether a function of the caller searches states if the iterations fail
+    helper: bool = True  # whether the caller's function searches states if iterations fail
     mending: bool = True  # whether prescribed initial values may be changed to satisfy constraints
     sundials: bool = True  # whether SUNDIALS may integrate the model
     #: For FMUs: whether the start satisfies constraints or conditions, or selects modes; whether

@@ -194,7 +194,7 @@ def _scenarios(
         for name in names:
             if name in run.parameters or name in run.initial:
                 raise ParameterError(
-                    f"'{name}' is listed in over and also set for a run: remove one of the two"
+                    f"'{name}' is both in 'over' and set for a run: remove one of the two"
                 )
     return found
 

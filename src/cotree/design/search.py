@@ -289,7 +289,7 @@ def read_variables(
         raise ParameterError(
             'over must map names to bounds, as in over={"L": (0.5, 2), "k": (1, 1e3, "log")}'
         )
-    check_known(guess, over, "guess names", ", which is not in over", ParameterError)
+    check_known(guess, over, "guess names", ", which is not in 'over'", ParameterError)
     starts = {name: check_number(value, f"the guess of '{name}'") for name, value in guess.items()}
     return [
         estimated(name, bounds, starts.get(name), known.get(name)) for name, bounds in over.items()

@@ -115,7 +115,7 @@ class OperatingPoint:
 
 def _reduced(model: CompiledModel) -> tuple[Any, ...]:
     if not model.text.files:
-        raise TypeError("a model without C text cannot be pickled")
+        raise TypeError("a model without C source cannot be pickled")
     parts = model.text, model.options, None if model.rest is None else model.rest.text
     # Programs and texts are repetitive: compression to a quarter takes a few milliseconds.
     data = zlib.compress(pickle.dumps(parts, pickle.HIGHEST_PROTOCOL))

@@ -358,8 +358,7 @@ def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
     else:
         known = [*rows.parameters, *rows.inputs]
         raise SceneError(
-            f"'{brief(name)}' is neither a port, a parameter nor an input of "
-            f"it{nearest(name, known)}"
+            f"'{brief(name)}' is not a port, parameter or input of this part{nearest(name, known)}"
         )
 
 

@@ -123,8 +123,8 @@ def _toolchain(row: Platform, *, is_own: bool) -> Toolchain:
         found = find_toolchain()
         if found is None:
             raise BuildError(
-                "an FMU for this machine needs a C compiler: install one, or give platforms=[] for "
-                "an FMU that contains only sources"
+                "a binary FMU for this machine needs a C compiler: install one, or give "
+                "platforms=[] for a source-code FMU"
             )
         return found
     if importlib.util.find_spec("ziglang") is None:
@@ -427,7 +427,7 @@ def extra_files(model: Any, choice: FmuChoice, t_end: float) -> dict[str, bytes]
 
 
 def interval_of(t_end: float) -> float:
-    """Return a round communication interval of the default experiment, about 1/500 of it."""
+    """Return a rounded communication interval, about 1/500 of the default experiment."""
     if t_end <= 0.0:
         return 1.0
     exponent = math.floor(math.log10(t_end / 500.0))
