@@ -122,7 +122,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         FormulationError
             If its equations cannot be formed.
         BuildError
-            If the C text cannot be compiled.
+            If the C source cannot be compiled.
         """
         begun = time.perf_counter()
         names = check_names(sensitivities, "sensitivities")

@@ -336,7 +336,7 @@ def _reference_runs(
     )
     tight, loose = (run.run() for run in own)
     runs = _Runs(differenced[0], tight, loose, tight, loose)
-    # e_y is the integration error of the differenced model, which may differ from that of S.
+    # FD(h) is computed with ``plain`` if given; e_y is the integration error of that model.
     if plain is None:
         return runs
     return replace(runs, tight=differenced[0].run(), loose=differenced[1].run())

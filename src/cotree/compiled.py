@@ -192,7 +192,7 @@ class Model(Reported):
         Returns
         -------
         ndarray, shape (n_states,) or (n_states, m)
-            Rates, in the states' units per second; residuals in the places of algebraic unknowns.
+            Rates, in the states' units per second; residuals at the indices of algebraic unknowns.
 
         Raises
         ------

@@ -40,8 +40,8 @@ class Domain:
     head_first: bool = False
     #: Part of a message: what to add at a node whose across variable has no equation.
     remedy: str = "a resistance or a storage"
-    #: Part of a message for storages with an absolute across variable that do not start at the
-    #: ground but at the node ``{tail}``: the fault and its remedy.
+    #: Part of a message: fault and remedy for a storage with an absolute across variable that
+    #: starts at node ``{tail}`` instead of the ground.
     absolute: str = ""
 
     def summary(self) -> str:

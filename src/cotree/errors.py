@@ -55,11 +55,11 @@ class SingularSystemError(FormulationError):
 
 
 class CodegenError(Error, RuntimeError):
-    """The C text cannot be written."""
+    """The C source cannot be written."""
 
 
 class BuildError(Error, RuntimeError):
-    """The C text cannot be compiled or loaded.
+    """The C source cannot be compiled or loaded.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ class Method:
     family: str
     implicit: bool  # whether the method uses a Jacobian
     multistep: bool  # whether a step depends on several previous steps
-    #: Method used if C cannot run this one, or suggested in place of SciPy methods and correctors.
+    #: Method used if C cannot run this one, or suggested instead of SciPy methods and correctors.
     instead: str = ""
     #: Name of the C stepper in ``codegen.c_files.STEPPERS``; empty for SciPy methods.
     stepper: str = ""

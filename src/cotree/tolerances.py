@@ -55,7 +55,7 @@ class Limits(NamedTuple):
     #: Maximum length of a chain of simultaneous events that trigger each other.
     event_rounds: int = 50
     #: Explicit methods: number of points of the interpolation polynomial, and its largest estimated
-    #: error, in tolerances.
+    #: error as a multiple of the tolerance.
     history_points: int = 6
     history_doubt: float = 4.0
     #: A pivot chosen in advance is accepted up to this relative error of matrix entries.

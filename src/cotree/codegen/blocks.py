@@ -324,7 +324,7 @@ def _choose_cuts(
     sums = np.array([0, *accumulate(item.n_operations for item in items)])
     cuts = [0]
     while sums[-1] - sums[cuts[-1]] > longest:
-        # Cut where the fewest values cross; of equal places, at the last one.
+        # Cut where the fewest values cross, at the last of several such positions.
         start = cuts[-1]
         end = max(start + 1, int(np.searchsorted(sums, sums[start] + longest, "right")) - 1)
         begin = int(np.searchsorted(sums, sums[start] + longest // 2))

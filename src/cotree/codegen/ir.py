@@ -67,7 +67,7 @@ class Form:
     """The structure of an expression, without its numbers."""
 
     #: An operation, ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` (of an
-    #: array), ``temporary``, ``call`` (of a function) or ``part`` (a call of a part of the caller).
+    #: array), ``temporary``, ``call`` (of a function) or ``part`` (a call of a split-off part).
     op: str
     name: str  # name of the array or function, prefix of the temporary, or value of the tolerance
     args: tuple[Form, ...]  # arguments of the operation or function

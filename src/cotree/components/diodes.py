@@ -27,8 +27,8 @@ def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any
 def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     """Return the capacitance C (1 - v/V)^-m, continued by its tangent for v > F V.
 
-    The base of the power is at least 1 - F, so that the power and its derivatives are defined. F is
-    ``share``, by default the field ``forward_share``.
+    C, V and m are the fields ``PREFIX_capacitance``, ``_potential`` and ``_grading``. F is
+    ``share``, by default ``forward_share``; it limits the base of the power to at least 1 - F.
     """
     names = ("capacitance", "potential", "grading")
     capacitance, potential, grading = (argument(f"{prefix}_{name}") for name in names)

@@ -64,7 +64,7 @@ class _DryFriction:
             backward=viscous - backward,
             upper=upper,
             lower=None if self.is_one_way else -lower,
-            # A one-way clutch locks in backward direction even without a normal force.
+            # A one-way clutch locks backwards even without a normal force.
             grip=None if is_engaged or self.is_one_way else sliding,
         )
         return Terminal(self.domain, Kind.FRICTION, friction=friction)

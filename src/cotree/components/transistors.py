@@ -207,7 +207,7 @@ class _Laws:
         return total + argument("leakage") * v if "leakage" in self.has else total
 
     def _capacities(self, own: str, other: str) -> tuple[Any, Any]:
-        """Return the derivatives of a junction's charge by its own and by the other voltage."""
+        """Return a junction charge's derivatives with respect to its own and the other voltage."""
         v, capacity = self.voltage[own], ZERO
         if f"{own}_capacitance" in self.has:
             capacity += depletion_capacity(v, own)

@@ -358,7 +358,7 @@ def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
 
 
 def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:
-    """Solve the transposed system for the adjoints: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
+    """Return the adjoints of A x = b: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
     dag, n = node.dag, node.data.size
     transposed = [[node.args[n * j + i] for j in range(n)] for i in range(n)]
     b_bar = solve(dag, transposed, weights[:n], node.args[-1], node.data, sizes_of(node))[:n]

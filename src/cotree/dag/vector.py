@@ -267,7 +267,7 @@ def of_quaternion(q: Sequence[Node]) -> Matrix:
 
 
 def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
-    """Form q' = q o (0, w) / 2, real part first, from w in the rotated frame; nodes or numbers."""
+    """Form the quaternion product q' = q (0, w) / 2, real part first; w is in the rotated frame."""
     q0, q1, q2, q3 = (0.5 * entry for entry in q)
     w1, w2, w3 = w
     return (

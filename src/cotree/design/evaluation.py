@@ -96,8 +96,8 @@ def _interpolated(s: Array, rows: Array, at: float) -> Array:
 #: Points of the coarse time grid for peaks, and of the fine one if the first is too coarse.
 _TIMES = (801, 12801)
 
-#: A run ends after this multiple of the steps of the longest previous run, but not before the
-#: second number of steps: the step size may tend to zero, for example if a mechanism locks.
+#: A run ends after _STEPS times the steps of the longest previous run, and never before
+#: _FEWEST_STEPS: the step size may tend to zero, for example if a mechanism locks.
 _STEPS, _FEWEST_STEPS = 50, 2000
 
 #: Quantities that are defined even if an event ends the run early.

@@ -180,8 +180,8 @@ class SquareRows:
             logs = np.log(found.sigma)
         if self._first is None:
             self._first = logs
-        # The second derivative by log(sigma) is 2 r^2, expected 2. For normal distributions, the
-        # rows above contribute r^2 to J^T J; for Laplace distributions, almost all.
+        # The second derivative with respect to log(sigma) is 2 r^2, expected 2. For normal
+        # distributions, the rows above contribute r^2 to J^T J; for Laplace, almost all.
         weight = np.where(normal, np.maximum(1.0, np.abs(r[noisy])), 0.5)
         by_sigma = found.sigma_slopes[noisy] / found.sigma[noisy, None]
         rest = np.sum(missing) + np.sum(

@@ -163,7 +163,7 @@ def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
 
 
 def _steiner(moment: Vector, offset: Vector) -> Matrix:
-    """Return m (c.c 1 - c c^T) from m c and c."""
+    """Return m (c.c 1 - c c^T) from the first moment m c and the offset c."""
     # Each product m c_i c_j is computed once and used in two entries.
     xx, yy, zz = (moment[i] * offset[i] for i in range(3))
     xy, xz, yz = moment[0] * offset[1], moment[0] * offset[2], moment[1] * offset[2]

@@ -53,7 +53,7 @@ class Slip:
         return vector.sub(self.ends.closing(view), vector.cross(omega, self.ends.reach(view)))
 
     def rate(self, view: View) -> Any:
-        """Return e.(r' - omega x r)."""
+        """Return e.(r' - omega x r) for the axis e and the vector r between the nodes."""
         return vector.dot(self.axis.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
@@ -139,7 +139,7 @@ class Tangent:
     axis: Vector
 
     def value(self, view: View) -> Any:
-        """Return the tangential part of the axis, e - (n.e) n."""
+        """Return e - (n.e) n, the tangential part of the axis e, with the normal n."""
         n = self.facing.value(view)
         return vector.sub(self.axis, vector.scale(vector.dot(n, self.axis), n))
 
@@ -161,11 +161,11 @@ class Across:
     axis: Vector
 
     def value(self, view: View) -> Any:
-        """Return the perpendicular direction n x e."""
+        """Return n x e, which is perpendicular to the normal n and the axis e."""
         return vector.cross(self.facing.value(view), self.axis)
 
     def rate(self, view: View) -> Any:
-        """Return its time derivative n' x e."""
+        """Return the time derivative, n' x e."""
         return vector.cross(self.facing.rate(view), self.axis)
 
 
@@ -181,7 +181,7 @@ class Tilted:
     up: Vector
 
     def _parts(self, view: View) -> tuple[Any, Any, Any]:
-        """Return the terms (n.e)/(1 + n.up), 1 + n.up, and n + up."""
+        """Return (n.e)/(1 + n.up), 1 + n.up, and n + up for the normal n and the axis e."""
         n = self.facing.value(view)
         height = 1.0 + vector.dot(n, self.up)
         return vector.dot(n, self.axis) / height, height, vector.add(n, self.up)
@@ -228,7 +228,7 @@ class Ball:
         return view.scalar(self.radius)
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return the vector from the centre to the lowest point, -r n."""
+        """Return the lowest point relative to the centre, -r n, with radius r and normal n."""
         return vector.scale(-view.scalar(self.radius), facing.value(view))
 
     def place_rate(self, view: View, facing: Facing) -> Any:
@@ -257,7 +257,7 @@ class Rim:
         return part, *vector.polar(part, origin)
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Return r |p|; |p| = n.up is the sine of the angle between normal and axle."""
+        """Return the radius times the sine of the angle between normal and axle."""
         return view.scalar(self.radius) * self._down(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:
@@ -303,7 +303,7 @@ class Ellipsoid:
         return self._entries(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return the lowest point, -sum a^2 m e/depth, with the semi-axes a along the axes e."""
+        """Return the lowest point, -sum a^2 m e/depth, with semi-axes a, axes e, and m = n.e."""
         entries, depth = self._entries(view, facing)
         parts = [
             vector.scale(-(s * m / depth), axis.value(view))

@@ -441,7 +441,7 @@ def _bordered(
     holdings: Sequence[HoldingRow],
     dag: Dag,
 ) -> tuple[tuple[Node, ...], ...]:
-    """Return the mass matrix bordered by the constraints: the symmetric matrix [M, -G^T; -G, 0].
+    """Return the mass matrix M bordered by the constraint matrix G: [M, -G^T; -G, 0].
 
     Unilateral constraints add the rows s J with -(1 - s) on the diagonal, and columns.
     """

@@ -215,7 +215,7 @@ class Observer:
         return wrench.force[i] if last[0] == "f" else wrench.torque[i]
 
     def _power(self, edge: BoundEdge, wrench: Wrench) -> Node:
-        """Return F.(v2 - v1 - w1 x r) + T.(w2 - w1), which is zero for constraint reactions."""
+        """Return a wrench's power, F.(v2 - v1 - w1 x r) + T.(w2 - w1); it is zero for reactions."""
         motion, points = self.motion, self.motion.clusters.points
         first, second = points[edge.first], points[edge.second]
         spins = [_in_ground(motion, motion.omega[p.cluster], p.cluster) for p in (first, second)]
@@ -297,7 +297,7 @@ class Observer:
         )
 
     def _kinetic(self) -> Node:
-        """Return the sum of (m v.v)/2 + v.(omega x h) + (omega.J omega)/2 over all clusters."""
+        """Return the kinetic energy, the sum of (m v.v)/2 + v.(omega x h) + (omega.J omega)/2."""
         motion = self.motion
         total = motion.system.dag.zero
         for cluster, inertia in enumerate(self.loads.inertias[1:], start=1):

@@ -51,7 +51,7 @@ def body_starts(
     placed = [name for name in placed if name not in reference.branches]
     if not placed:
         return {}
-    # Run the formulation's traversals with initial values in place of coordinates.
+    # Run the formulation's traversals with initial values instead of coordinates.
     system = bind(scene, reference, dag, is_start=True)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, ()))

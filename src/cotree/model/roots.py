@@ -195,7 +195,7 @@ class ResidualTest:
         self._before = float(np.linalg.norm(self._weights * point.g))
 
     def following(self, g: Array, damping: float) -> _Following | None:
-        """Return the matrix and step to reuse if the step is accepted, else None."""
+        """Return ``_REFACTOR`` if the step is accepted, else None."""
         after = float(np.linalg.norm(self._weights * g))
         return _REFACTOR if after <= (1.0 - _ARMIJO * damping) * self._before else None
 

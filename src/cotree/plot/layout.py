@@ -142,7 +142,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
 
     gap = min(range(len(gaps)), key=cost) if gaps.max() < _OPEN else int(gaps.argmax())
     turned, spread = behind(gap), max(2 * np.pi - gaps[gap], 1e-9)
-    # Angles shrink to the half plane above the reference; radii grow, which keeps arcs.
+    # Compress angles to the half plane above the reference; enlarge radii to preserve arc lengths.
     shrink = min(1.0, np.pi / spread)
     # Place nodes clockwise from the left, where the traversal usually starts.
     side = 1.0 if turned[0] <= spread / 2 else -1.0

@@ -1,7 +1,7 @@
 """The linear graphs of a scene, one per domain, and their trees.
 
-A body in the tree has absolute coordinates: along a line or in a plane if nothing moves or acts out
-of it, those of a particle if it has no rotational inertia and nothing acts on its rotation,
+A body in the tree has absolute coordinates: along a line or in a plane that contains all motions
+and forces, those of a particle if it has no rotational inertia and nothing acts on its rotation,
 otherwise those of a free body. If the trees differ, a joint may be a branch of one graph and a
 chord of the other: it has coordinates in the first graph and constraints in the second.
 """

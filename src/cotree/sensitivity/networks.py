@@ -64,7 +64,7 @@ class _Seeds:
         for i, symbols in enumerate(self.directions):
             for symbol, d in symbols.items():
                 if not d.is_zero:
-                    # By symbol, so that each field visits only the directions that change it.
+                    # By symbol, because each field needs only the directions that change it.
                     self._by_symbol[symbol][i] = d
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:

@@ -53,7 +53,7 @@ def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
 def _modes(
     problem: Problem, points: Sequence[tuple[float, FloatArray]], way: float
 ) -> npt.NDArray[np.complex128]:
-    """Return the eigenvalues at all points of the modes that decay in direction ``way`` of time."""
+    """Return the eigenvalues of decaying modes at all points; ``way`` = -1: backwards in time."""
     evaluator = Evaluator(problem)
     return np.concatenate([np.zeros(0), *(_modes_at(evaluator, t, z, way) for t, z in points)])
 

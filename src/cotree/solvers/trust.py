@@ -138,8 +138,8 @@ def _left_free(
     n = len(trajectory.t)
     for k in np.unique(np.linspace(0, n - 1, min(n, _N_EXAMINED)).astype(int)).tolist():
         t = float(trajectory.t[k])
-        # The algebraic equation of a variable contains its storage content. This derivative is thus
-        # the change of the content per unit of the variable, such as a capacitance.
+        # The storage content appears in the variable's algebraic equation, so this derivative is
+        # the content per unit of the variable, such as a capacitance.
         capacity = np.abs(problem.jacobian(t, y[:, k])[own, own])
         allowed = atol[totals] + problem.settings.rtol * np.abs(y[totals, k])
         left = allowed / np.maximum(capacity, np.finfo(np.float64).tiny)

@@ -94,7 +94,8 @@ def find_stores(
             continue
         across, through = topologies[port.terminal.domain], cutsets[port.terminal.domain]
         is_branch = name in across.branches
-        # A storage that is not in its usual place in the normal tree depends on other storages.
+        # An across storage that is a chord depends on others, and so does a through storage that
+        # is a branch.
         if is_branch != (port.kind is Kind.ACROSS_STORAGE):
             continue
         # Charges are summed over a cutset, flux linkages along a circuit.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula of a model, with its place in the file."""
+    """A formula of a model, with its position in the file."""
 
     node: Any = field(repr=False)  # syntax tree of the formula
     at: SourceLine  # file and line of the formula

@@ -22,7 +22,7 @@ _Named = TypeVar("_Named", "RobotLink", "Joint")
 
 
 def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
-    """Return the root link, and the joints in file order, but each after its parent.
+    """Return the root link, and the joints depth first, with siblings in file order.
 
     Raise SceneError if a name occurs twice, a link is missing, or the joints do not form a tree.
     """
