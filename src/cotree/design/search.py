@@ -207,7 +207,7 @@ class Search:
         )
 
     def is_optimal(self, v: Array, end: Any) -> bool:
-        """Return whether a point is optimal within the tolerances of optimality or of the search.
+        """Return whether a point is optimal within the optimality or the search tolerances.
 
         If changes of the objective are smaller than integration errors, the search ends early. The
         residual is then compared with the largest gradient encountered.

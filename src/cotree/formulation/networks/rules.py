@@ -1,4 +1,4 @@
-"""Rules: how each variable of a network is computed from others, and its derivatives.
+"""Rules that compute each variable of a network, and its derivatives, from other variables.
 
 A rule is a sum (an f-circuit or f-cutset equation) or a law (a terminal equation). The derivative
 of a sum is a sum, and the derivative of a law is a sum with partial derivatives as factors.
