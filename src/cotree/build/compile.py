@@ -260,7 +260,7 @@ def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
         # A name must not leave its folder or be read as a compiler option.
         if not _FILE_NAME.fullmatch(name):
             raise BuildError(
-                f"'{name}' is not a valid name for a C file; use letters, digits and "
+                f"The file name '{name}' is not valid for C; use letters, digits and "
                 "underscores, then '.c' or '.h'."
             )
     sources = tuple(sorted(name for name in files if name.endswith(".c")))
