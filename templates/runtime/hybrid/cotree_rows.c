@@ -253,9 +253,11 @@ void cotree_find_slip(const cotree_events *e, const cotree_row *row, cotree_real
 /* Return whether a gap is closed at the last evaluation. */
 int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired)
 {
-    const cotree_real near = ZERO_ROUNDINGS * (cotree_rounding_band(e, i) +
-                                               cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
-    return i >= 0 && (i == fired || e->is_stepped_over[i] || e->samples[i] <= near);
+    cotree_real near;
+    if (i < 0) return 0; /* the stop has no such limit */
+    near = ZERO_ROUNDINGS *
+           (cotree_rounding_band(e, i) + cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
+    return i == fired || e->is_stepped_over[i] || e->samples[i] <= near;
 }
 
 /* Set the scales of gaps, of their rates and of slips at the start to the magnitude of their terms:
