@@ -65,10 +65,8 @@ cotree_real cotree_largest_stop_force(const cotree_events *e)
     const cotree_real *const values = e->is_impact ? e->samples : e->value_scale;
     cotree_real largest = COTREE_F(0.0);
     const cotree_row *row;
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
-        if (row->type == COTREE_ROW_STOP)
-            largest = COTREE_FMAX(largest, COTREE_FABS(values[row->limits[0]]));
-    }
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row)
+        largest = COTREE_FMAX(largest, COTREE_FABS(values[row->limits[0]]));
     return largest;
 }
 
@@ -534,9 +532,9 @@ static int set_stops(cotree_events *e, int is_closed)
 {
     cotree_row *row;
     int is_changed = 0;
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row) {
         const cotree_real mode = is_closed ? row->side : COTREE_F(0.0);
-        if (row->type != COTREE_ROW_STOP || !row->is_active || row->mode == mode) continue;
+        if (!row->is_active || row->mode == mode) continue;
         change_mode(e, row, mode);
         is_changed = 1;
     }
@@ -611,8 +609,8 @@ static int is_resolved(const cotree_events *e, const cotree_row *stop)
 static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     cotree_row *row;
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
-        if (row->type != COTREE_ROW_STOP || !row->is_active) continue;
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row) {
+        if (!row->is_active) continue;
         save_modes(e);
         change_mode(e, row, row->mode == COTREE_F(0.0) ? row->side : COTREE_F(0.0));
         if (are_consistent(e, t, w) && is_resolved(e, row))

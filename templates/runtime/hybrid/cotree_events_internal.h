@@ -72,7 +72,8 @@ enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 
 #define SHORTEN (-1) /* status: the step must be repeated with a shorter length */
 
-/* End of the table of rows. */
+/* First stop in the table of rows, in which stops come last, and the end of the table. */
+#define FIRST_STOP (END_OF_ROWS - e->n_stops)
 #define END_OF_ROWS (e->rows + e->n_rows)
 
 /* Accelerations below this fraction of those caused by friction count as zero. A force at its limit

@@ -142,8 +142,7 @@ static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *
     int status = evaluate_stops(e, t, w, COTREE_F(0.0));
     if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, e->trial) != 0)
         status = cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
-    for (row = e->rows; row < END_OF_ROWS && status == 0; ++row) {
-        if (row->type != COTREE_ROW_STOP) continue;
+    for (row = FIRST_STOP; row < END_OF_ROWS && status == 0; ++row) {
         row->side = w[row->mode_state];
         row->was_closed = row->side != COTREE_F(0.0);
         if (!row->was_closed && cotree_is_closed(e, row->gaps[0], t, fired))
@@ -174,9 +173,8 @@ static int find_impact_roles(cotree_events *e, int fired)
     const cotree_real error = cotree_gap_rate_error(e);
     cotree_row *row;
     int n = 0;
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row) {
         const cotree_real least = cotree_zero_gap_rate(e, row), rate = row->gap_rate;
-        if (row->type != COTREE_ROW_STOP) continue;
         row->impact_role = is_unresolved(e, row) || (row->side != COTREE_F(0.0) && rate < -least);
         if (!is_unresolved(e, row) && rate > COTREE_FMAX(least, error)) row->impact_role = -2;
         if (is_separate && cotree_closed_gap(row) != fired && row->impact_role > 0)
@@ -192,9 +190,8 @@ static int select_restitution_events(cotree_events *e, cotree_real t, const cotr
 {
     cotree_row *row;
     const int status = evaluate_stops(e, t, w, COTREE_F(2.0));
-    for (row = e->rows; row < END_OF_ROWS && status == 0; ++row) {
+    for (row = FIRST_STOP; row < END_OF_ROWS && status == 0; ++row) {
         const int is_slow = e->samples[row->event] <= COTREE_F(0.0) || is_unresolved(e, row);
-        if (row->type != COTREE_ROW_STOP) continue;
         row->ends_at_rest = row->impact_role > 0 && is_slow;
         row->restitution_event =
             row->impact_role > 0 && !is_slow ? cotree_closed_gap(row) : row->event;
@@ -226,8 +223,6 @@ static void init_impact(cotree_events *e)
     }
 }
 
-static const cotree_row *first_stop(const cotree_events *e) { return END_OF_ROWS - e->n_stops; }
-
 /* Determine which stops have an impulse, and the modes of friction at their contacts. */
 static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
@@ -240,7 +235,7 @@ static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
     e->is_impact = 0;
     if (lossy != NULL) return cotree_fail(e, lossy->event, t, COTREE_EVENTS_LOSSY_IMPACT);
     if (status != 0 || !e->has_contact_friction || !gains_energy(e)) return status;
-    return cotree_fail(e, first_stop(e)->event, t, COTREE_EVENTS_ENERGY_GAIN);
+    return cotree_fail(e, FIRST_STOP->event, t, COTREE_EVENTS_ENERGY_GAIN);
 }
 
 /* Fail if an impact changes the rate of a gap that closes at a different time for other parameters:
@@ -249,9 +244,8 @@ static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 static int check_independent(cotree_events *e, cotree_real t)
 {
     const cotree_row *row;
-    for (row = e->rows; row < END_OF_ROWS && e->run->n_blocks > 1; ++row) {
+    for (row = FIRST_STOP; row < END_OF_ROWS && e->run->n_blocks > 1; ++row) {
         const cotree_real after = cotree_gap_rate(e, row);
-        if (row->type != COTREE_ROW_STOP) continue;
         if ((row->impact_role == -1 &&
              COTREE_FABS(after - row->gap_rate) > cotree_zero_gap_rate(e, row)) ||
             (row->impact_role == -2 && after < -cotree_gap_rate_error(e)))
@@ -294,8 +288,8 @@ int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
 static void mark_impact_events(cotree_events *e)
 {
     const cotree_row *row;
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
-        if (row->type != COTREE_ROW_STOP || row->impact_role <= 0) continue;
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row) {
+        if (row->impact_role <= 0) continue;
         e->is_impact_event[cotree_closed_gap(row)] = 1;
         if (row->ends_at_rest) e->is_impact_event[row->event] = 1;
     }
@@ -321,10 +315,8 @@ static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w, int 
 {
     cotree_row *row;
     int is_needed = 0;
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
-        if (row->type == COTREE_ROW_STOP && row->was_closed && row->gap_rate != COTREE_F(0.0))
-            is_needed = 1;
-    }
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row)
+        is_needed = is_needed || (row->was_closed && row->gap_rate != COTREE_F(0.0));
     if (!is_needed) return 0;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         row->mode = w[row->mode_state];
@@ -347,7 +339,7 @@ int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int 
         if (find_impact_roles(e, fired) == 0) return 0;
         status = select_restitution_events(e, t, w);
         if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, w) != 0)
-            status = cotree_fail(e, first_stop(e)->event, t, COTREE_EVENTS_FAILED);
+            status = cotree_fail(e, FIRST_STOP->event, t, COTREE_EVENTS_FAILED);
         if (status == 0) status = solve_impact(e, t, w);
         if (status == 0) status = check_independent(e, t);
         if (status != 0) return status;

@@ -11,7 +11,7 @@ int cotree_is_contact_slip(const cotree_event *event)
 
 /* Return whether a model needs impulses: for impacts at rigid stops, or to remove the remaining
  * slip when sliding in a ball joint ends. */
-static int has_impacts(const cotree_hybrid *h)
+static int has_impulses(const cotree_hybrid *h)
 {
     int i;
     for (i = 0; i < h->n_events; ++i) {
@@ -51,7 +51,7 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
     j->state_rates = cotree_arena_reals(arena, n);
     j->value_slopes = cotree_arena_reals(arena, m * n_values);
     j->new_values = cotree_arena_reals(arena, h->n_jumps);
-    if (has_impacts(h)) {
+    if (has_impulses(h)) {
         j->w_work = cotree_arena_reals(arena, run->n_full);
         j->packed = cotree_arena_reals(arena, run->n_full);
         j->response = cotree_arena_reals(arena, 2 * run->n_full);

@@ -250,6 +250,7 @@ void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
     const cotree_row *row;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         const int gap = cotree_closed_gap(row), engaged = row->engaged;
+        int c;
         if (row->type == COTREE_ROW_STOP) {
             /* The gap may be negative within the tolerance of closed gaps. */
             if (row->side != COTREE_F(0.0) &&
@@ -259,10 +260,9 @@ void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
             continue;
         }
         if (e->stays_at_zero[row->event]) e->side[row->event] = COTREE_F(1.0);
-        if (row->limits[0] >= 0 && e->stays_at_zero[row->limits[0]])
-            e->side[row->limits[0]] = COTREE_F(1.0);
-        if (row->limits[1] >= 0 && e->stays_at_zero[row->limits[1]])
-            e->side[row->limits[1]] = COTREE_F(1.0);
+        for (c = 0; c < 2 && row->limits[c] >= 0; ++c) {
+            if (e->stays_at_zero[row->limits[c]]) e->side[row->limits[c]] = COTREE_F(1.0);
+        }
         if (engaged >= 0 && e->side[engaged] == COTREE_F(0.0)) e->side[engaged] = -COTREE_F(1.0);
     }
 }

@@ -89,8 +89,8 @@ static void attach_contact(cotree_events *e, cotree_row *row)
     const cotree_event *const slip = e->events + row->event;
     cotree_row *stop;
     if (row->type != COTREE_ROW_FRICTION || !cotree_is_contact_slip(slip)) return;
-    for (stop = e->rows; stop < END_OF_ROWS; ++stop) {
-        if (stop->type == COTREE_ROW_STOP && stop->mode_state == slip->targets[1]) row->stop = stop;
+    for (stop = FIRST_STOP; stop < END_OF_ROWS; ++stop) {
+        if (stop->mode_state == slip->targets[1]) row->stop = stop;
     }
     row->speed_states[0] = slip->targets[2];
     e->has_contact_friction = 1;
@@ -278,14 +278,12 @@ int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w
         e->trial[i] += TERM_SHARE * (COTREE_F(0.5) + fraction) * w[i];
     }
     status = cotree_jumps_compute_new_values(&e->jumps, t, w);
-    for (row = e->rows; row < END_OF_ROWS; ++row)
-        row->rate_terms = status == 0 && row->type == COTREE_ROW_STOP
-                              ? cotree_jumps_speed_change(&e->jumps, row->event)
-                              : COTREE_F(0.0);
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row)
+        row->rate_terms =
+            status == 0 ? cotree_jumps_speed_change(&e->jumps, row->event) : COTREE_F(0.0);
     if (status == 0) status = cotree_compute_values(e, t, e->trial);
     if (status == 0) status = cotree_jumps_compute_new_values(&e->jumps, t, e->trial);
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
-        if (row->type != COTREE_ROW_STOP) continue;
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row) {
         if (status == 0) row->rate_terms -= cotree_jumps_speed_change(&e->jumps, row->event);
         row->rate_terms = status == 0 ? COTREE_FABS(row->rate_terms) / TERM_SHARE : COTREE_F(0.0);
     }

@@ -54,8 +54,8 @@ typedef struct cotree_row {
     cotree_real slide_start; /* time at which the slip began */
     cotree_real slip_sign;   /* direction of a contact that slides; 0: to be determined */
     cotree_real slip_speed[COTREE_COMPONENTS]; /* slip before the impact */
-    cotree_real
-        direction[COTREE_COMPONENTS]; /* direction of sliding in space; other components: 0 */
+    /* Direction of sliding in space; components that a row does not have are 0. */
+    cotree_real direction[COTREE_COMPONENTS];
     cotree_real saved_direction[COTREE_COMPONENTS];
     cotree_real last_direction[COTREE_COMPONENTS]; /* values in the last iteration */
     cotree_real last_slip[COTREE_COMPONENTS];
