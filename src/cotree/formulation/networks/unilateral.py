@@ -28,11 +28,7 @@ if TYPE_CHECKING:
 def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
     """Raise FormulationError unless inertias determine the acceleration of each sticking edge."""
     for name, port in ports.items():
-        if not port.kind.may_hold:
-            continue
-        if port.terminal.touch is not None and len(port.ends.acts_on) > 1:
-            continue  # the gap and the slips of a contact act in independent directions
-        if port.is_coupling:
+        if not port.kind.may_hold or port.is_coupling:
             continue
         whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
         if port.is_short:
