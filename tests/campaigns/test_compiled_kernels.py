@@ -34,7 +34,7 @@ SCENES = sorted(path.stem for path in (Path(cotree.__file__).parent / "scenes").
 SLOW, ALL, BLOCK = 16, 304, 8
 #: A circuit and tanks: bodies in space take longer, of which the two arms are taken.
 QUICK = (2, 4)
-#: What a quick run and a slow one compile with, the levels that models have by default first. Of
+#: Levels of a quick run and of a slow one, beginning with those that models have by default. Of
 #: clang's levels each scene takes one, in turn.
 FEW = ("-O1", "-Og", "-O2", "native")
 

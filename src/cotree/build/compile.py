@@ -54,7 +54,7 @@ _STATEMENT_LIMIT_GCC = 4_000
 _STATEMENT_LIMIT_CLANG = 20_000
 # If all functions together have more operations than this, gcc is called with -Og. Compilation is
 # then 1.4 to 3.5 times as fast as with -O1 (motor linkage with all parameters: 0.4 s instead of
-# 1.35 s). Calls of kernels take up to 10 % longer, and runs up to 2 %. With clang, -Og equals -O1.
+# 1.35 s). Calls of kernels take up to 10 % longer, and runs up to 3 %. With clang, -Og equals -O1.
 _LONG_FOR_GCC = 500
 # Flags for files with loops over equations. The number of equations is read through a pointer; only
 # with strict aliasing is it constant in a loop.
