@@ -72,11 +72,11 @@ _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
     """Return functions of parameters that are negative if a value jumps at a time event."""
     found: dict[Node, None] = {}
-    for stop in find_time_events(dag, [value]):
-        times = [stop.first]
-        if stop.period is not None:
+    for event in find_time_events(dag, [value]):
+        times = [event.first]
+        if event.period is not None:
             # The first event may differ from later ones, for example at the start of a source.
-            times.append(stop.first + stop.period)
+            times.append(event.first + event.period)
         for at in times:
             way = _NEAR * dag.function("abs", at) + _NEAR_ZERO
             # Two values on each side show the slope, which is no jump.

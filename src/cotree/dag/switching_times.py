@@ -88,7 +88,7 @@ def time_events_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Time
     for node in order:
         if node.op in _LOOKING:
             # Only nodes in ``pieces`` are known functions of time.
-            own = (_stops(node, line) for line in pieces.get(node.args[0], ()))
+            own = (_events_of(node, line) for line in pieces.get(node.args[0], ()))
             found[node] = tuple(dict.fromkeys(chain.from_iterable(own)))
     return found
 
@@ -219,7 +219,7 @@ def _scaled(line: _Line, factor: Node) -> _Line:
     return _Line(*scaled, line.count, line.starts)
 
 
-def _stops(node: Node, line: _Line) -> list[TimeEvent]:
+def _events_of(node: Node, line: _Line) -> list[TimeEvent]:
     """Return the time events of a node whose argument is a line."""
     if line.rate.is_zero:
         return []  # the argument changes only at whole periods, which are events already

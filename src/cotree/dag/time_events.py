@@ -37,21 +37,21 @@ _FEW = 100_000
 
 
 def time_events_along(
-    stops: Sequence[TimeEvent], seeds: Sequence[Mapping[Node, Node]]
+    events: Sequence[TimeEvent], seeds: Sequence[Mapping[Node, Node]]
 ) -> tuple[TimeEvent, ...]:
     """Return the time events with derivatives along each direction (:attr:`TimeEvent.along`)."""
     # For events without a period, ``first`` is a placeholder whose tangent is ignored.
-    periods = [stop.first if stop.period is None else stop.period for stop in stops]
-    found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
-    n = len(stops)
+    periods = [event.first if event.period is None else event.period for event in events]
+    found = [tangents([*(event.first for event in events), *periods], seed) for seed in seeds]
+    n = len(events)
     return tuple(
-        replace(stop, along=tuple((row[i], row[n + i]) for row in found))
-        for i, stop in enumerate(stops)
+        replace(event, along=tuple((row[i], row[n + i]) for row in found))
+        for i, event in enumerate(events)
     )
 
 
 def find_restart_times(
-    stops: Sequence[TimeEvent],
+    events: Sequence[TimeEvent],
     values: Mapping[Node, float],
     low: float,
     high: float,
@@ -67,12 +67,12 @@ def find_restart_times(
     """
     # A time that differs from an end of the span only by rounding is moved to this end.
     margin = SAME * max(abs(low), abs(high))
-    m = max((len(stop.along) for stop in stops), default=0)
-    series = [_series_of(stop, values, low - margin, high + margin) for stop in stops]
+    m = max((len(event.along) for event in events), default=0)
+    series = [_series_of(event, values, low - margin, high + margin) for event in events]
     watch = _Watch(series, len(others), m, time_limit)
     found = [_Times(np.asarray(others, dtype=float), np.zeros((len(others), m)), 0.0)]
-    for stop, own in zip(stops, series, strict=True):
-        found.append(_times_of(stop, own, values, m))
+    for event, own in zip(events, series, strict=True):
+        found.append(_times_of(event, own, values, m))
         watch.check()
     t = np.concatenate([row.t for row in found])
     slopes = np.concatenate([row.slopes for row in found])
@@ -172,24 +172,24 @@ class _Watch:
             )
 
 
-def _series_of(stop: TimeEvent, values: Mapping[Node, float], low: float, high: float) -> _Series:
+def _series_of(event: TimeEvent, values: Mapping[Node, float], low: float, high: float) -> _Series:
     """Return the range of the times of one time event within a span."""
-    first, period = value_of(stop.first, values), value_of(stop.period, values)
+    first, period = value_of(event.first, values), value_of(event.period, values)
     if not math.isfinite(first):
         return _Series(0.0, 0.0, 0, -1)
-    if stop.period is None or not math.isfinite(period) or period == 0.0:
+    if event.period is None or not math.isfinite(period) or period == 0.0:
         return _Series(first, 0.0, 0, 0)
     # The ends of the span are sorted, since the period may be negative.
     ends = sorted((at - first) / period for at in (low, high))
     start, end = math.ceil(ends[0]), math.floor(ends[1])
     # Events of a source that starts at ``first`` have k >= 0.
-    return _Series(first, period, max(start, 0) if stop.starts else start, end)
+    return _Series(first, period, max(start, 0) if event.starts else start, end)
 
 
-def _times_of(stop: TimeEvent, own: _Series, values: Mapping[Node, float], m: int) -> _Times:
+def _times_of(event: TimeEvent, own: _Series, values: Mapping[Node, float], m: int) -> _Times:
     along = np.zeros((2, m))
     if own.n_times:
-        for j, row in enumerate(stop.along):
+        for j, row in enumerate(event.along):
             along[:, j] = [value_of(node, values) for node in row]
     if own.period == 0.0:
         return _Times(np.full(own.n_times, own.first), along[: own.n_times], 0.0)

@@ -156,8 +156,8 @@ def _is_searched(plan: Plan, problem: Problem) -> bool:
 def _moving(plan: Plan) -> set[str]:
     """Return the names of parameters on which time events or the longest step depend."""
     program = plan.model.program
-    stops = [stop for own in program.stops.values() for stop in own]
-    nodes = [node for stop in stops for node in (stop.first, stop.period) if node is not None]
+    events = [event for own in program.time_events.values() for event in own]
+    nodes = [node for event in events for node in (event.first, event.period) if node is not None]
     nodes += [limit for own in program.longest_steps.values() for limit in own]
     read = {node.data for node in symbols_in(nodes)}
     return {name for i, name in enumerate(plan.model.parameters) if (PARAMETER, i) in read}

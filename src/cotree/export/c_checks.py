@@ -182,12 +182,12 @@ def _check_kinks(program: Program, integrator: str) -> None:
     Sensitivities jump only if rates do. A kink of the rates only reduces the order of the method.
     """
     dag, layout = program.dag, program.layout
-    stops = [stop for own in program.stops.values() for stop in own]
+    events = [event for own in program.time_events.values() for event in own]
     moving = [
         name
         for j, name in enumerate(layout.sensitivities)
         # Check the derivatives of the first time and of the period of each time event.
-        if any(not d.is_zero for stop in stops for d in stop.along[j])
+        if any(not d.is_zero for event in events for d in event.along[j])
     ]
     if not moving:
         return

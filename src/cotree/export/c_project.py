@@ -75,7 +75,7 @@ class MainContext:
     has_rtol: bool  # whether any equations are solved to a relative tolerance
     #: A C initialiser for each series of time events: first time, period (zero if single), and 1 if
     #: no event precedes the first time.
-    stops: list[str]
+    time_events: list[str]
     max_step: str
     seeds: list[int]  # indices of the sensitivity parameters, -1 for initial values
     #: C literals, line by line, of initial states and sensitivities; empty if C computes them.
@@ -107,9 +107,9 @@ class MainContext:
             "PARAMETERS": bool(layout.parameters),
             "RTOL": self.has_rtol,
             "START": bool(self.start),
-            "STOPS": bool(self.stops),
+            "TIME_EVENTS": bool(self.time_events),
             "TABLES": self.start_tables is not None,
-            "TURNS": bool(layout.sensitivities and self.stops),
+            "TURNS": bool(layout.sensitivities and self.time_events),
         }
         return {f"COTREE_MAIN_{name}": value for name, value in found.items()}
 
@@ -151,7 +151,7 @@ def main_context(
         atol=target.literal(atol),
         has_rtol=step is None or not implicit,
         # Fixed-step methods do not locate time events.
-        stops=[] if step is not None else _stop_rows(program, target),
+        time_events=[] if step is not None else _time_event_rows(program, target),
         max_step=target.literal(longest) if math.isfinite(longest) else "",
         # Initial values may also have sensitivities, but they are not parameters.
         seeds=[places.get(name, -1) for name in layout.sensitivities],
@@ -181,31 +181,31 @@ def held_parameters(program: Program, *, has_start: bool) -> frozenset[int]:
             roots += program.kernels["inputs"].results
         if any(row.is_jump for row in layout.events):
             roots += [*program.kernels["events"].results, *program.kernels["inputs"].results]
-    for stop in (stop for own in program.stops.values() for stop in own):
-        roots += [stop.first, *(d for pair in stop.along for d in pair)]
-        roots += [] if stop.period is None else [stop.period]
+    for event in (event for own in program.time_events.values() for event in own):
+        roots += [event.first, *(d for pair in event.along for d in pair)]
+        roots += [] if event.period is None else [event.period]
     roots += [limit for own in program.longest_steps.values() for limit in own]
     return frozenset(s.data[1] for s in symbols_in(roots) if s.data[0] == "p")
 
 
-def _stop_rows(program: Program, target: Target) -> list[str]:
+def _time_event_rows(program: Program, target: Target) -> list[str]:
     symbols = program.dag
     values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
     rows = set()
-    for stop in (stop for own in program.stops.values() for stop in own):
-        first = value_of(stop.first, values)
+    for event in (event for own in program.time_events.values() for event in own):
+        first = value_of(event.first, values)
         # A time may not exist for these values, such as a quotient with a zero divisor.
         if not math.isfinite(first):
             continue
-        period = value_of(stop.period, values)
+        period = value_of(event.period, values)
         # C requires positive periods, so change the signs of a negative period and its derivatives.
         sign = math.copysign(1.0, period)
-        slopes = [value_of(d, values) for pair in stop.along for d in pair]
+        slopes = [value_of(d, values) for pair in event.along for d in pair]
         # A single time event has period zero.
         if not math.isfinite(period) or period == 0.0:
-            period, slopes[1::2] = 0.0, [0.0] * len(stop.along)
+            period, slopes[1::2] = 0.0, [0.0] * len(event.along)
         slopes[1::2] = [sign * d for d in slopes[1::2]]
-        rows.add((first, abs(period), sign * stop.starts, *slopes))
+        rows.add((first, abs(period), sign * event.starts, *slopes))
     return [f"{{{', '.join(map(target.literal, row))}}}" for row in sorted(rows)]
 
 
@@ -349,7 +349,7 @@ def write_c_project(
     features = replace(
         model.features(),
         implicit=bool(implicit),
-        moving_breakpoints=bool(main.stops and model.layout.sensitivities)
+        moving_breakpoints=bool(main.time_events and model.layout.sensitivities)
         and methods[0] not in FIXED,
     )
     texts = dict(render_model(model, features))

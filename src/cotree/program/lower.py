@@ -424,12 +424,12 @@ def lower(equations: Equations) -> Program:
     }
     names = [row.name for row in equations.parameters]
     watched = of_events.get("events", [])[: len(equations.events)]
-    stops = _of_time(equations, [*rates, *watched], find_time_events)
-    if stops:
+    time_events = _of_time(equations, [*rates, *watched], find_time_events)
+    if time_events:
         from cotree.dag.time_events import time_events_along
 
         seeds = [row.seed for row in equations.sensitivities]
-        stops = {name: time_events_along(own, seeds) for name, own in stops.items()}
+        time_events = {name: time_events_along(own, seeds) for name, own in time_events.items()}
     layout = replace(
         layout,
         sensitivity_starts=tuple(accumulate(map(len, reached), initial=0)),
@@ -441,7 +441,7 @@ def lower(equations: Equations) -> Program:
         layout,
         {name: Kernel(spec, tuple(results.get(name, ())), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
-        stops,
+        time_events,
         # Event functions are included: long steps could miss zeros caused by a sine of time.
         _of_time(equations, [*rates, *watched], find_longest_steps)
         if acts_in_part(rates) or watched

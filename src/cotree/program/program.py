@@ -67,7 +67,7 @@ class Program:
     guards: tuple[Guard, ...]  # conditions that ``prepare`` checks
     #: Time events at which inputs jump or have kinks, by input name, with derivatives along each
     #: sensitivity. The empty name stands for all other parts of the rates.
-    stops: Mapping[str, tuple[TimeEvent, ...]] = field(default_factory=dict)
+    time_events: Mapping[str, tuple[TimeEvent, ...]] = field(default_factory=dict)
     #: Upper bounds of the step size by input name; they apply unless a run replaces the input. The
     #: empty name stands for all other parts of the rates.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
@@ -86,18 +86,20 @@ class Program:
         depend on no parameter. Raise SolveError if a period is far too short for the span, or the
         search takes longer than ``time_limit``, [s].
         """
-        if not self.stops and not others:
+        if not self.time_events and not others:
             return RestartTimes.none()
         from cotree.dag.time_events import find_restart_times
 
-        stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
+        events = [
+            event for name, own in self.time_events.items() if name not in replaced for event in own
+        ]
         try:
             nodes = [
                 node
-                for stop in stops
-                for node in (stop.first, stop.period, *chain.from_iterable(stop.along))
+                for event in events
+                for node in (event.first, event.period, *chain.from_iterable(event.along))
             ]
-            return find_restart_times(stops, _parameters(nodes, p), *span, others, time_limit)
+            return find_restart_times(events, _parameters(nodes, p), *span, others, time_limit)
         except ValueError as error:
             raise SolveError(str(error)) from None
 
@@ -144,7 +146,7 @@ class Program:
             has_constant_start=not symbols_in(
                 [*results["initial"], *results["initial_sensitivity"]]
             ),
-            has_time_events=bool(self.stops),
+            has_time_events=bool(self.time_events),
             has_longest_step=bool(self.longest_steps),
         )
 

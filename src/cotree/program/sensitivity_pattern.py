@@ -103,7 +103,9 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
             node
             for node, own in looking.items()
             if any(
-                not d.is_zero for stop in time_events_along(own, [row.seed]) for d in stop.along[0]
+                not d.is_zero
+                for event in time_events_along(own, [row.seed])
+                for d in event.along[0]
             )
         ]
         depending = dependent(order, moved) if moved else set()

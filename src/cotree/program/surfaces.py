@@ -155,7 +155,7 @@ def _find(equations: Equations) -> _Found:
         conditions[key] = _in_common(conditions.get(key, _OPEN), sides)
     tables = {node for node in reading if _is_table(node) and node not in heavy | wild}
     known = time_events_within(equations.dag, order)
-    timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
+    timed = {node.args[0] for node, events in known.items() if events and _is_timed(node.args[0])}
     located = {k: v for k, v in conditions.items() if v is not None and looked_at[k] not in timed}
     signed: dict[Node, Node] = {}
     for key in [key for key, sides in located.items() if sides.steep == _BOTH]:

@@ -63,26 +63,26 @@ static void report(void)
  * heap, arrays of these sizes can replace them. */
 static int integrate(cotree_real t_end)
 {
-#if COTREE_MAIN_STOPS
+#if COTREE_MAIN_TIME_EVENTS
     static cotree_real tolerances[LENGTH(N_SENSITIVITIES)];
-    const int n_breakpoints = cotree_most_breakpoints(&stops, COTREE_F(0.0), t_end);
+    const int n_breakpoints = cotree_most_breakpoints(&time_events, COTREE_F(0.0), t_end);
     const size_t width = 1 + 2 * N_SENSITIVITIES; /* a time and its derivatives */
     cotree_real *breakpoints = NULL;
 #else
     const cotree_real breakpoints[2] = {COTREE_F(0.0), t_end};
 #endif
     int result = COTREE_JOB_MORE;
-#if COTREE_MAIN_STOPS
+#if COTREE_MAIN_TIME_EVENTS
     if (n_breakpoints < 0) {
         fprintf(stderr,
                 "%s: there are too many time events to list: the shortest period is %.6g s. Check "
                 "its unit, or choose an earlier end time.\n",
-                TITLE, cotree_shortest_period(&stops));
+                TITLE, cotree_shortest_period(&time_events));
         return EXIT_FAILURE;
     }
     breakpoints = (cotree_real *)calloc((size_t)n_breakpoints, width * sizeof(cotree_real));
     if (breakpoints == NULL) return fail("out of memory");
-    cotree_job_set_breakpoints(&job, &stops, COTREE_F(0.0), t_end, COTREE_F(0.0), SIZES, SEEDS,
+    cotree_job_set_breakpoints(&job, &time_events, COTREE_F(0.0), t_end, COTREE_F(0.0), SIZES, SEEDS,
                                breakpoints, tolerances);
 #else
     job.n_breakpoints = 2;
@@ -107,7 +107,7 @@ static int integrate(cotree_real t_end)
 #endif
     }
     free(job.memory);
-#if COTREE_MAIN_STOPS
+#if COTREE_MAIN_TIME_EVENTS
     free(breakpoints);
 #endif
     if (result == COTREE_JOB_FAILED) report();

@@ -75,10 +75,11 @@ static void lay_out(fmu *m, cotree_arena *arena)
     lay_out_events(m, arena);
 #endif
 #if COTREE_HAS_BREAKPOINTS
-    m->stops.n = tables->n_stops;
-    m->stops.n_sensitivities = model->n_sensitivities;
+    m->time_events.n = tables->n_time_events;
+    m->time_events.n_sensitivities = model->n_sensitivities;
     m->limits = cotree_arena_reals(arena, tables->n_limits);
-    m->stops.rows = cotree_arena_reals(arena, tables->n_stops * (3 + 2 * model->n_sensitivities));
+    m->time_events.rows =
+        cotree_arena_reals(arena, tables->n_time_events * (3 + 2 * model->n_sensitivities));
 #endif
 #if COTREE_HAS_EXCHANGE
     m->before = cotree_arena_reals(arena, N_STATES);

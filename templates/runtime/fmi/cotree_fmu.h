@@ -73,9 +73,10 @@ typedef struct fmu_tables {
     double rtol, atol, span; /* default tolerances and time span */
     long most_steps;         /* limits for one step of Co-Simulation: steps and events */
     long most_events;
-    int n_stops;            /* number of series of time events */
-    const int *stop_starts; /* n_stops: 1 if the series has no time event before its first time */
-    int n_limits;           /* number of upper bounds of the step size */
+    int n_time_events;            /* number of series of time events */
+    const int *time_event_starts; /* n_time_events: 1 if the series has no time event before its
+                                     first time */
+    int n_limits;                 /* number of upper bounds of the step size */
     const cotree_start_tables *start_tables;
     /* Derivatives of the rates and residuals, outputs, indicators and signals (rows) by states,
      * inputs of the importer, parameters and time (columns). */
@@ -88,7 +89,7 @@ typedef struct fmu_tables {
     cotree_state_kernel find_constraints;
     /* Computes the upper bounds of the step size; then the first time and the period of each
      * series of time events, and the derivatives of both with respect to the parameters. */
-    cotree_parameter_kernel find_stops;
+    cotree_parameter_kernel find_time_events;
 } fmu_tables;
 
 /* Return the tables of the model. */

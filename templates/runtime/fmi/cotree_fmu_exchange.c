@@ -98,12 +98,14 @@ int fmu_complete_step(fmu *m, int *enters_event_mode)
 /* Find the current segment between time events, within which rates must be evaluated. */
 static void find_segment(fmu *m)
 {
-    const double t = m->numbers[FMU_NOW], next = cotree_next_breakpoint(&m->stops, t, HUGE_VAL);
+    const double t = m->numbers[FMU_NOW],
+                 next = cotree_next_breakpoint(&m->time_events, t, HUGE_VAL);
     const int is_last = !(next <= DBL_MAX);
-    const double size = fmax(fabs(t), is_last ? 0.0 : cotree_largest_breakpoint(&m->stops, next));
+    const double size =
+        fmax(fabs(t), is_last ? 0.0 : cotree_largest_breakpoint(&m->time_events, next));
     const double margin = fmin(8.0 * DBL_EPSILON * size, is_last ? HUGE_VAL : 0.25 * (next - t));
     m->numbers[FMU_NEXT] = next;
-    m->numbers[FMU_LOW] = cotree_is_breakpoint(&m->stops, t) ? t + margin : -HUGE_VAL;
+    m->numbers[FMU_LOW] = cotree_is_breakpoint(&m->time_events, t) ? t + margin : -HUGE_VAL;
     m->numbers[FMU_HIGH] = is_last ? HUGE_VAL : next - margin;
     m->run.low = m->numbers[FMU_LOW];
     m->run.high = m->numbers[FMU_HIGH];
@@ -121,7 +123,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     cotree_events_restore(e, m->event_history); /* the history is empty before the first update */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
         status = cotree_events_begin(e, t, w);
-    } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || cotree_is_breakpoint(&m->stops, t)) {
+    } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || cotree_is_breakpoint(&m->time_events, t)) {
         status = cotree_events_resume(e, t, w, NULL); /* speeds may be discontinuous here */
     } else {
         status = cotree_events_apply_passed(e, t, w);

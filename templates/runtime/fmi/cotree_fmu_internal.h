@@ -129,7 +129,7 @@ struct fmu {
 #endif
 #if COTREE_HAS_BREAKPOINTS
     double *limits; /* upper bounds of the step size, then the rows of time events */
-    cotree_breakpoints stops;
+    cotree_breakpoints time_events;
 #endif
 #if COTREE_HAS_EXCHANGE
     double *before; /* copy of the states before an update */

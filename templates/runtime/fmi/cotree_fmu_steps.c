@@ -9,13 +9,13 @@
 static int set_breakpoints(fmu *m, double t, double end, cotree_job *job)
 {
 #if COTREE_HAS_BREAKPOINTS
-    const int n = cotree_most_breakpoints(&m->stops, t, end);
+    const int n = cotree_most_breakpoints(&m->time_events, t, end);
     if (n < 0) {
         m->may_discard = 1; /* a shorter step may succeed */
         return fmu_discard(m,
                            "the step has too many time events to list: the shortest period is "
                            "%.6g s; check its unit, or take shorter steps",
-                           cotree_shortest_period(&m->stops));
+                           cotree_shortest_period(&m->time_events));
     }
     if ((size_t)n > m->n_breakpoints) {
         const size_t width = 1 + 2 * (size_t)N_SENSITIVITIES;
@@ -25,8 +25,9 @@ static int set_breakpoints(fmu *m, double t, double end, cotree_job *job)
         m->breakpoints = more;
         m->n_breakpoints = 2 * (size_t)n;
     }
-    cotree_job_set_breakpoints(job, &m->stops, t, end, m->numbers[FMU_BEGIN], m->tables->sizes,
-                               m->tables->start_tables->seeds, m->breakpoints, m->turn_tolerances);
+    cotree_job_set_breakpoints(job, &m->time_events, t, end, m->numbers[FMU_BEGIN],
+                               m->tables->sizes, m->tables->start_tables->seeds, m->breakpoints,
+                               m->turn_tolerances);
 #else
     m->breakpoints[0] = t;
     m->breakpoints[1] = end;
@@ -197,7 +198,7 @@ int fmu_enter_steps(fmu *m)
     const double t = m->numbers[FMU_NOW];
     cotree_job job;
     int result;
-    if (set_up_job(m, &job, t, cotree_next_breakpoint(&m->stops, t, t + fmu_span(m))) != 0)
+    if (set_up_job(m, &job, t, cotree_next_breakpoint(&m->time_events, t, t + fmu_span(m))) != 0)
         return 1;
     result = cotree_job_start(&job);
     log_events(m, &job);

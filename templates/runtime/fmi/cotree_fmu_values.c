@@ -7,21 +7,21 @@ void fmu_invalidate(fmu *m) { m->valid = 0; }
 /* Compute the rows of time events. Periods are positive, or zero for single time events. */
 static int update_time_events(fmu *m)
 {
-    const int n_sensitivities = m->stops.n_sensitivities, width = 2 + 2 * n_sensitivities;
+    const int n_sensitivities = m->time_events.n_sensitivities, width = 2 + 2 * n_sensitivities;
     double *const rows = m->limits + m->tables->n_limits;
     int i, j;
-    if (m->tables->find_stops(m->p, m->k, m->limits) != 0) {
+    if (m->tables->find_time_events(m->p, m->k, m->limits) != 0) {
         return fmu_refuse(m, "the times of time events cannot be computed");
     }
     /* From the last row to the first, because a row is longer than the kernel's result for it. */
-    for (i = m->stops.n - 1; i >= 0; --i) {
+    for (i = m->time_events.n - 1; i >= 0; --i) {
         const double *const found = rows + i * width;
         double *const row = rows + i * (width + 1);
         const double first = found[0], period = found[1], sign = period < 0.0 ? -1.0 : 1.0;
         const int is_once = !(fabs(period) <= DBL_MAX) || period == 0.0;
         for (j = 2 * n_sensitivities - 1; j >= 0; --j) row[3 + j] = found[2 + j];
         for (j = 0; j < n_sensitivities; ++j) row[4 + 2 * j] *= is_once ? 0.0 : sign;
-        row[2] = sign * (double)m->tables->stop_starts[i];
+        row[2] = sign * (double)m->tables->time_event_starts[i];
         row[1] = is_once ? 0.0 : fabs(period);
         row[0] = first;
     }

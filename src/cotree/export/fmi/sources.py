@@ -74,7 +74,7 @@ class FmuKernels:
     constraints: Partials
     #: Upper bounds of the step size; then the first time and the period of each series of time
     #: events, with their derivatives along each sensitivity. None if there are neither.
-    stops: Kernel | None
+    time_events: Kernel | None
     starts: tuple[bool, ...]  # whether no time event of each series precedes the first time
     n_limits: int  # number of upper bounds of the step size
 
@@ -83,7 +83,7 @@ class FmuKernels:
         """The kernels that have results."""
         rows = [self.partials.kernel, self.initial.kernel, self.constraints.kernel]
         found = [kernel for kernel in rows if kernel.results]
-        return [*found, self.stops] if self.stops is not None else found
+        return [*found, self.time_events] if self.time_events is not None else found
 
 
 def form_kernels(program: Program, outside: Sequence[int]) -> FmuKernels:
@@ -104,12 +104,12 @@ def form_kernels(program: Program, outside: Sequence[int]) -> FmuKernels:
     ]
     held = [*kernels["constraints"].results]
     held += kernels["start"].results[: len(layout.start_rows)]
-    starts, stops, n_limits = _stops(program, outside)
+    starts, time_events, n_limits = _time_events(program, outside)
     return FmuKernels(
         _partials(program, "partials", _STATE, substitute(rows, signals), columns),
         _partials(program, "initial_partials", _PARAMETER, kernels["initial"].results, parameters),
         _partials(program, "constraint_partials", _STATE, substitute(held, signals), columns),
-        stops,
+        time_events,
         starts,
         n_limits,
     )
@@ -137,30 +137,34 @@ def _partials(
     return Partials(name, len(rows), len(columns), tuple(starts), tuple(indices), kernel)
 
 
-def _stops(program: Program, outside: Sequence[int]) -> tuple[tuple[bool, ...], Kernel | None, int]:
+def _time_events(
+    program: Program, outside: Sequence[int]
+) -> tuple[tuple[bool, ...], Kernel | None, int]:
     """Return the time events and longest steps of all functions of time."""
     dag = program.dag
     replaced = {program.layout.inputs[i].name for i in outside}
-    stops = [s for name, own in program.stops.items() if name not in replaced for s in own]
+    events = [
+        event for name, own in program.time_events.items() if name not in replaced for event in own
+    ]
     limits = [
         limit
         for name, own in program.longest_steps.items()
         if name not in replaced
         for limit in own
     ]
-    if not stops and not limits:
+    if not events and not limits:
         return (), None, 0
     values = [*limits]
-    for stop in stops:
-        values += [stop.first, stop.period if stop.period is not None else dag.zero]
-        values += [d for pair in stop.along for d in pair]
+    for event in events:
+        values += [event.first, event.period if event.period is not None else dag.zero]
+        values += [d for pair in event.along for d in pair]
     spec = KernelSpec(
-        "stops",
+        "time_events",
         _PARAMETER,
         "values",
         "upper bounds of steps; first times, periods and their derivatives of all time events",
     )
-    return tuple(stop.starts for stop in stops), Kernel(spec, tuple(values), {}), len(limits)
+    return tuple(event.starts for event in events), Kernel(spec, tuple(values), {}), len(limits)
 
 
 @dataclass(frozen=True)
@@ -220,7 +224,7 @@ def source_files(
         implicit=is_implicit,
         # Conditions of algebraic unknowns alone do not count as conditions of the start.
         start=tables.start_tables.has_assembly or has_modes,
-        breakpoints=kernels.stops is not None,
+        breakpoints=kernels.time_events is not None,
         exchange=facts.is_exchangeable,
         steps=bool(integrator),
     )
@@ -285,7 +289,7 @@ def _arrays(program: Program, kernels: FmuKernels, facts: Facts) -> Iterable[Con
     yield from _ints("signals", signals)
     yield from _doubles("start", facts.start)
     yield from _doubles("sizes", facts.sizes)
-    yield from _ints("stop_starts", [int(starts) for starts in kernels.starts])
+    yield from _ints("time_event_starts", [int(starts) for starts in kernels.starts])
 
 
 def _pattern(own: Partials) -> Iterable[Constants]:
