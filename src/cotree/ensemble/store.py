@@ -2,9 +2,9 @@
 
 ``manifest.json`` identifies the ensemble and states the number of members per block, and
 ``coordinates.npz`` has the coordinates of the Dataset. Each file of ``blocks`` is a NumPy archive
-with an array for each variable, followed by a checksum. Files are written under a temporary name
-and then renamed. Several processes may write blocks of one store. Each locks the blocks that it
-runs, and the system releases the locks of a process that dies.
+with an array and its CRC-32 for each variable, and a hash of these. Files are written under a
+temporary name and then renamed. Several processes may write blocks of one store. Each locks the
+blocks that it runs, and the system releases the locks of a process that dies.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import hashlib
 import io
 import json
 import os
+import struct
 import zipfile
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
@@ -157,14 +158,12 @@ MANIFEST, COORDINATES, BLOCKS = "manifest.json", "coordinates.npz", "blocks"
 
 _DRAFT, _LOCK = ".partial", ".lock"
 
-# Size of a checksum, [byte].
-_CHECK = 32
-
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays or lists of texts to a NumPy archive, followed by a checksum."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
+    """Write arrays or lists of texts to a NumPy archive."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(path.name + _DRAFT)
+    with zipfile.ZipFile(draft, "w") as archive:
         for name, given in arrays.items():
             values = np.ascontiguousarray(given)
             if values.dtype.kind == "O":  # texts of any length are in object arrays
@@ -172,10 +171,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
                 values = np.frombuffer(text.encode(), dtype="S1")
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, values, allow_pickle=False)
-    data = buffer.getvalue()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(path.name + _DRAFT)
-    draft.write_bytes(data + hashlib.sha256(data).digest())
+        archive.comment = _contents(archive)
     try:
         draft.replace(path)
     except FileNotFoundError:
@@ -193,14 +189,28 @@ def read_array(archive: Any, name: str) -> Any:
 
 
 def read_whole(path: Path) -> Any:
-    """Open an archive; return None if it is missing or does not match its checksum."""
+    """Open an archive; return None if it is missing or does not match its checksums."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
         return None
-    if data[-_CHECK:] != hashlib.sha256(data[:-_CHECK]).digest():
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            is_whole = archive.comment == _contents(archive) and archive.testzip() is None
+    except _DAMAGES:
         return None
-    return np.load(io.BytesIO(data))
+    # NumPy requires the archive at the beginning of the file.
+    return np.load(io.BytesIO(data)) if is_whole and data.startswith(b"PK") else None
+
+
+def _contents(archive: zipfile.ZipFile) -> bytes:
+    """Return a hash of the names, sizes and checksums of all arrays."""
+    rows = [(row.filename, row.file_size, row.CRC) for row in archive.infolist()]
+    return _digest(json.dumps(rows)).encode()
+
+
+# Errors of ZipFile for damaged archives.
+_DAMAGES = (zipfile.BadZipFile, ValueError, OSError, EOFError, RuntimeError, struct.error)
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
