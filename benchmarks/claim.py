@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from cotree import Scene
-    from cotree.program import Kernel, Program
+    from cotree.program.program import Kernel, Program
 
 _SYMPY_LIMIT = 60.0  # seconds
 _AGREE = 1e-9  # rounding of some thousand operations

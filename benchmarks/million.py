@@ -23,7 +23,7 @@ from timing import put_on_page, surroundings, table
 import cotree
 from cotree.build.compile import processor_name
 from cotree.ensemble.dataset import DatasetSchema
-from cotree.ensemble.executors import parcel_of, run_on, run_parcel
+from cotree.ensemble.executors import ExecutorRun, parcel_of, run_parcel
 from cotree.ensemble.members import Members
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.store import Store
@@ -124,7 +124,7 @@ def trip_of(pool: ProcessPoolExecutor, plan: Plan, rows: Any) -> float:
     ranges = [(i, i + 1) for i in range(n)]
 
     def run() -> float:
-        found = run_on(pool, plan, rows, ranges, threads=1, stop=threading.Event())
+        found = ExecutorRun(pool, plan, rows, 1, threading.Event()).run(ranges)
         return sum(float(block.seconds.sum()) for _, block in found)
 
     run()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import json
 import os
 import subprocess
@@ -24,6 +26,15 @@ def benchmarks(*arguments, cwd=ROOT):
         text=True,
         check=False,
     )
+
+
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
+def test_imported_names_of_the_package_exist(name):
+    for node in ast.walk(ast.parse((ROOT / "benchmarks" / f"{name}.py").read_text())):
+        if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == "cotree":
+            module = importlib.import_module(str(node.module))
+            missing = [row.name for row in node.names if not hasattr(module, row.name)]
+            assert not missing, f"{node.module} has no {missing}"
 
 
 def test_without_a_name_they_are_listed():
