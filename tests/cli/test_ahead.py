@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from cotree import cli
+from cotree.model.kernels import load_columns
 from cotree.solvers import engine
-from cotree.solvers.engine import load_sweep
 
 
 @pytest.fixture
@@ -88,4 +88,4 @@ def test_engine_and_sweep_are_there_when_the_thread_has_ended(monkeypatch):
     monkeypatch.setattr(engine, "load_engine", lambda stepper, has_events: asked.append(stepper))
     engine._prepare(["dop853"], (), has_events=True)
     assert asked == ["dop853"]
-    assert load_sweep() is not None
+    assert load_columns() is not None

@@ -22,7 +22,7 @@ def model(request):
 def way(request, monkeypatch):
     """Points in one call, and one by one, as where there is no compiler."""
     if request.param == "points":
-        monkeypatch.setattr(columns, "_load", lambda: None)
+        monkeypatch.setattr(columns, "load_columns", lambda: None)
 
 
 @pytest.fixture

@@ -203,10 +203,9 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
 
 #: Libraries that do not depend on the model: modules to compile, modules whose headers cffi reads.
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "batch": (("batch", "sweep"), (*_JOB_MODULES, "start", "job", "batch")),
+    "batch": (("batch", "columns"), (*_JOB_MODULES, "start", "job", "batch")),
     "columns": (("columns",), ("abi", "columns")),
     "start": (("start", "assembly", "run", "iteration", "least", "lu"), (*_JOB_MODULES, "start")),
-    "sweep": (("sweep",), ("abi", "sweep")),
 }
 
 

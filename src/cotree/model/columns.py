@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.errors import Error, ParameterError
-from cotree.model.arrays import Array, as_array, is_many, pointer_to
-from cotree.model.kernels import build_engine, shared_code
+from cotree.model.arrays import Array, as_array, is_many
+from cotree.model.kernels import Rows, call_columns, load_columns
 from cotree.program.kernels import KERNELS
 from cotree.scene.expressions import check_number
-from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
-    from cotree.build import LoadedLibrary
     from cotree.model.model import CompiledModel
-
-
-@locked_cache
-def _load() -> LoadedLibrary | None:
-    return build_engine(shared_code("columns"))
 
 
 def in_columns(
@@ -34,9 +26,14 @@ def in_columns(
     point name its column.
     """
     points = _Points(model, t, y, p, u, s)
-    library = _load() if model.backend == "C" else None
+    library = load_columns() if model.backend == "C" else None
     results = np.zeros((points.n, model.traits.n_results.get(name, 0)))
-    done = 0 if library is None else _in_c(model, library, name, points, results)
+    done = 0
+    if library is not None and points.n and model.address(name) is not None:
+        inputs = np.zeros((points.n, len(model.inputs))) if points.u is None else points.u
+        done = call_columns(
+            library, model, name, points.rows(name), inputs, results, has_inputs=u is not None
+        )
     if KERNELS[name].is_packed:
         whole = np.zeros((points.n, points.s.shape[1]))
         whole[:, points.places] = results
@@ -81,45 +78,15 @@ class _Points:
             whole = as_array(s, (n, n_s, self.n), "the sensitivities")
             self.s = np.ascontiguousarray(whole.transpose(2, 1, 0)).reshape(self.n, n * n_s)
 
+    def rows(self, name: str) -> Rows:
+        """Return the arguments of a kernel."""
+        s = np.ascontiguousarray(self.s[:, self.places]) if KERNELS[name].is_packed else self.s
+        return Rows(self.t, self.x, s, self.p, self.has_own)
+
 
 def _rows(values: Any, shape: tuple[int, ...], n: int, what: str) -> Array:
     """Return a checked array with one row per point, from one with one column per point."""
     return np.ascontiguousarray(as_array(values, (*shape, n), what).T)
-
-
-def _in_c(
-    model: CompiledModel, library: LoadedLibrary, name: str, points: _Points, results: Array
-) -> int:
-    """Evaluate points in C until one fails; return the number of points before it."""
-    ffi, spec, prepared = library.ffi, KERNELS[name], model.prepared(points.p[0])
-    address = model.address(name)
-    if address is None or not points.n:
-        return 0
-    kernel = ffi.cast(spec.type, address)
-    s = np.ascontiguousarray(points.s[:, points.places]) if spec.is_packed else points.s
-    inputs = np.zeros((points.n, len(model.inputs))) if points.u is None else points.u
-    is_of_states = spec.type == "cotree_state_kernel"
-
-    pointer = partial(pointer_to, ffi)
-    return int(
-        library.lib.cotree_columns(
-            ffi.cast("cotree_model *", model.code.model_address),
-            kernel if is_of_states else ffi.NULL,
-            ffi.NULL if is_of_states else kernel,
-            points.n,
-            pointer(points.t),
-            pointer(points.x),
-            pointer(s),
-            s.shape[1],
-            pointer(points.p),
-            points.p.shape[1] if points.has_own else 0,
-            pointer(prepared),
-            points.u is not None,
-            pointer(inputs),
-            pointer(results),
-            results.shape[1],
-        )
-    )
 
 
 def _at(model: CompiledModel, name: str, points: _Points, j: int) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.codegen.context import KernelFile
+    from cotree.model.model import CompiledModel
     from cotree.program.program import Program
     from cotree.program.text import ModelText
 
@@ -308,3 +310,61 @@ def build_engine(code: SharedCode) -> LoadedLibrary | None:
     except BuildError:
         return None
     return loaded
+
+
+@locked_cache
+def load_columns() -> LoadedLibrary | None:
+    """Build and load the C loop over points; return None if that is impossible."""
+    return build_engine(shared_code("columns"))
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Points in the C layout, with one row each; p has one row for each point or for all."""
+
+    t: Array
+    x: Array
+    s: Array
+    p: Array
+    has_own: bool = False  # whether each point has its own parameters
+
+
+def call_columns(
+    library: LoadedLibrary,
+    model: CompiledModel,
+    name: str,
+    points: Rows,
+    inputs: Array,
+    results: Array,
+    *,
+    has_inputs: bool,
+) -> int:
+    """Evaluate points in C until one fails; return the number of points before it.
+
+    Without ``has_inputs``, the inputs of the scene are written to ``inputs``. A model without the
+    kernel has no results, and only its inputs are evaluated.
+    """
+    ffi, spec, prepared = library.ffi, KERNELS[name], model.prepared(points.p[0])
+    kernel = ffi.cast(spec.type, model.address(name) or 0)
+    is_of_states = spec.type == "cotree_state_kernel"
+    pointer = partial(pointer_to, ffi)
+    return int(
+        library.lib.cotree_columns(
+            ffi.cast("cotree_model *", model.code.model_address),
+            kernel if is_of_states else ffi.NULL,
+            ffi.NULL if is_of_states else kernel,
+            len(points.t),
+            pointer(points.t),
+            pointer(points.x),
+            points.x.shape[1],
+            pointer(points.s),
+            points.s.shape[1],
+            pointer(points.p),
+            pointer(prepared),
+            pointer(prepared) if points.has_own else ffi.NULL,
+            has_inputs,
+            pointer(inputs),
+            pointer(results),
+            results.shape[1],
+        )
+    )

@@ -14,8 +14,14 @@ import numpy as np
 from cotree.build import LoadedLibrary, abandon
 from cotree.errors import BuildError, Error, SolveError
 from cotree.methods import METHODS, SUNDIALS
-from cotree.model.arrays import pointer_to
-from cotree.model.kernels import SharedCode, build_engine, shared_code
+from cotree.model.kernels import (
+    Rows,
+    SharedCode,
+    build_engine,
+    call_columns,
+    load_columns,
+    shared_code,
+)
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
@@ -77,7 +83,7 @@ def _prepare(
         # Engines are built in sequence, because later ones reuse object files of earlier ones.
         for stepper in steppers:
             load_engine(stepper, has_events=has_events)
-        for load in then or (load_sweep,):
+        for load in then or (load_columns,):
             load()
 
 
@@ -125,49 +131,37 @@ def sweep(
     if not model.outputs and not model.inputs:
         none = np.zeros((0, len(t)))
         return none, np.zeros((0, len(model.sensitivities), len(t))), none
-    library = load_sweep()
+    library = load_columns()
     if library is None:
         raise BuildError("no compiler can build the loop over the points of a run")
     return _in_c(native, library, t, z) or _blame(native, t, z)
-
-
-@locked_cache
-def load_sweep() -> LoadedLibrary | None:
-    """Build and load the C loop over points; return None if that is impossible."""
-    return build_engine(shared_code("sweep"))
 
 
 def _in_c(
     native: BoundModel, library: LoadedLibrary, t: FloatArray, z: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Evaluate all points in one C call; return None if a kernel fails at a point."""
-    model, u = native.model, native.inputs_at
-    n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
+    model, u, n = native.model, native.inputs_at, len(native.model.states)
     # C evaluates inputs that the scene defines, and reads inputs set for this run from an array.
-    inputs = np.zeros((n_t, len(model.inputs)))
-    has_inputs = False
-    if model.inputs and u(float(t[0])) is not None:
+    inputs = np.zeros((len(t), len(model.inputs)))
+    has_inputs = bool(model.inputs) and u(float(t[0])) is not None
+    if has_inputs:
         inputs[:] = [u(float(at)) for at in t]
-        has_inputs = True
-    outputs, slopes = np.zeros((n_t, n_outputs)), np.zeros((n_t, m, n_outputs))
-    ffi = library.ffi
-    pointer = partial(pointer_to, ffi)
-    # The transpose has one row per point, as C expects.
-    status = library.lib.cotree_sweep(
-        ffi.cast("cotree_model *", model.code.model_address),
-        pointer(native.p),
-        pointer(native.k),
-        n_t,
-        pointer(np.ascontiguousarray(t, dtype=np.float64)),
-        pointer(np.ascontiguousarray(z.T)),
-        len(z),
-        has_inputs,
-        pointer(inputs),
-        pointer(outputs),
-        pointer(slopes),
+    outputs = np.zeros((len(t), len(model.outputs)))
+    slopes = np.zeros((len(t), len(model.sensitivities), len(model.outputs)))
+    rows = Rows(
+        np.ascontiguousarray(t, dtype=np.float64),
+        np.ascontiguousarray(z[:n].T),
+        np.ascontiguousarray(z[n:].T),
+        native.p[None, :],
     )
+    evaluate = partial(call_columns, library, model)
+    done = evaluate("outputs", rows, inputs, outputs, has_inputs=has_inputs)
+    if slopes.size and done == len(t):
+        flat = slopes.reshape(len(t), -1)
+        done = evaluate("output_sensitivity", rows, inputs, flat, has_inputs=True)
     # The caller evaluates the points again in Python to raise an error that names the cause.
-    if status != 0:
+    if done < len(t):
         return None
     # C writes one row per point, while time is the last axis of results.
     return outputs.T.copy(), slopes.transpose(2, 1, 0).copy(), inputs.T.copy()

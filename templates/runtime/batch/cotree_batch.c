@@ -5,8 +5,8 @@
 #endif
 
 #include "cotree_batch.h"
+#include "cotree_columns.h"
 #include "cotree_events.h"
-#include "cotree_sweep.h"
 
 #include <float.h>
 #include <limits.h>
@@ -168,14 +168,17 @@ int cotree_batch_finish(cotree_worker *w, int member, const double *k)
     fill_with_nan(z, n_kept, n_wanted, (size_t)batch->n_full);
     if (batch->n_outputs == 0) return 0;
     if (batch->n_given > 0) status = evaluate_inputs(w, n_kept, p, k);
-    if (status == 0) {
-        status = cotree_sweep(model, p, k, n_kept, pattern->wanted, z, batch->n_full,
-                              batch->n_given > 0, w->inputs, w->outputs, m > 0 ? w->slopes : NULL);
-    }
-    if (status != 0) return COTREE_MEMBER_NO_OUTPUTS;
+    if (status != 0 || cotree_columns(model, model->outputs_of_state, NULL, n_kept, pattern->wanted,
+                                      z, batch->n_full, NULL, 0, p, k, NULL, batch->n_given > 0,
+                                      w->inputs, w->outputs, model->n_outputs) < n_kept)
+        return COTREE_MEMBER_NO_OUTPUTS;
     copy_outputs(batch, n_kept, w->outputs, y);
     fill_with_nan(y, n_kept, n_wanted, n);
     if (m == 0) return 0;
+    if (cotree_columns(model, NULL, model->output_sensitivity, n_kept, pattern->wanted, z,
+                       batch->n_full, z + model->n_states, batch->n_full, p, k, NULL, 1, w->inputs,
+                       w->slopes, model->n_outputs * m) < n_kept)
+        return COTREE_MEMBER_NO_OUTPUTS;
     copy_outputs(batch, n_kept * m, w->slopes, dy);
     fill_with_nan(dy, n_kept, n_wanted, n * (size_t)m);
     return 0;
