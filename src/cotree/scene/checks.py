@@ -125,7 +125,10 @@ class Dimensions:
             case ast.UnaryOp(operand=operand):
                 return self.of(operand)
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
-                return self._power(left, right)
+                base, exponent = self.of(left), _number(right)
+                if base is None or (exponent is None and base != _NONE):
+                    return None
+                return tuple(x * (exponent or 0.0) for x in base)
             case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
                 a, b = self.of(left), self.of(right)
                 sign = 1.0 if isinstance(op, ast.Mult) else -1.0
@@ -161,12 +164,6 @@ class Dimensions:
                     f"{unit_text(own)}"
                 )
         return found
-
-    def _power(self, left: ast.expr, right: ast.expr) -> Dimension | None:
-        base, exponent = self.of(left), _number(right)
-        if base is None or (exponent is None and base != _NONE):
-            return None
-        return tuple(x * (exponent or 0.0) for x in base)
 
     def _call(self, function: str, args: list[ast.expr]) -> Dimension | None:
         if function in _KEEPING:

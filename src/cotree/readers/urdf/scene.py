@@ -15,7 +15,6 @@ from cotree.files import read_text
 from cotree.readers.names import LARGEST_FILE, Namer, renaming_notes, scene_name
 from cotree.readers.urdf.robot import (
     MOMENTS,
-    Inertial,
     Joint,
     Pose,
     Robot,
@@ -240,9 +239,6 @@ class _SceneWriter(Generic[_Scene]):
         if inertial.mass == 0.0 and not any(inertial.moments):
             self.empty.append(f"'{link.name}'")
             return
-        self._add_inertia(node, inertial)
-
-    def _add_inertia(self, node: str, inertial: Inertial) -> None:
         # The arm leads to the centre of mass and to the axes of the inertial frame.
         centre = self.namer.own(f"{node}_com")
         vector = [
