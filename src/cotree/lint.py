@@ -168,16 +168,7 @@ def _words(value: Any) -> Iterator[str]:
 
 def _similar(scene: SceneDescription) -> Iterator[Finding]:
     signals = [*scene.parameters, *scene.inputs, *scene.modes, *scene.outputs]
-    domains: dict[str, set[str]] = {}
-    for edge in scene.edges.values():
-        if edge.component.role is not Role.NETWORK:
-            for node in edge.nodes:
-                domains.setdefault(node, set()).add("multibody")
-        for port, ends in zip(edge.component.ports, edge.ports, strict=True):
-            for node in (ends.tail, ends.head):
-                domains.setdefault(node, set()).add(port.domain)
-            for node in ends.acts_on:
-                domains.setdefault(node, set()).add("multibody")
+    domains = _domains(scene)
     groups: tuple[tuple[str, Iterable[str], int], ...] = (
         ("parameter", signals, _SHORTEST),
         ("edge", scene.edges, 2),
@@ -199,6 +190,20 @@ def _similar(scene: SceneDescription) -> Iterator[Finding]:
 def _kind(scene: SceneDescription, name: str) -> str:
     kinds = (("parameter", scene.parameters), ("input", scene.inputs), ("mode", scene.modes))
     return next((kind for kind, table in kinds if name in set(table)), "output")
+
+
+def _domains(scene: SceneDescription) -> dict[str, set[str]]:
+    found: dict[str, set[str]] = {}
+    for edge in scene.edges.values():
+        if edge.component.role is not Role.NETWORK:
+            for node in edge.nodes:
+                found.setdefault(node, set()).add("multibody")
+        for port, ends in zip(edge.component.ports, edge.ports, strict=True):
+            for node in (ends.tail, ends.head):
+                found.setdefault(node, set()).add(port.domain)
+            for node in ends.acts_on:
+                found.setdefault(node, set()).add("multibody")
+    return found
 
 
 # Lower-case names of the ground in other tools.

@@ -196,12 +196,7 @@ def _sources() -> bytes:
 @contextlib.contextmanager
 def private_directory() -> Iterator[Path]:
     """Create a private folder for one build on the file system of the cache."""
-    oldest = time.time() - _ABANDONED_AFTER
-    for path in cache_directory().glob(f"{_PRIVATE_PREFIX}*"):
-        # Another process may remove the same folder.
-        with contextlib.suppress(OSError):
-            if path.stat().st_mtime < oldest:
-                _remove_tree(path)
+    _remove_abandoned()
     with tempfile.TemporaryDirectory(
         prefix=_PRIVATE_PREFIX, dir=cache_directory(), ignore_cleanup_errors=True
     ) as name:
@@ -276,6 +271,15 @@ def clear_cache() -> int:
             "or close the programs that use it."
         ) from error
     return removed
+
+
+def _remove_abandoned() -> None:
+    oldest = time.time() - _ABANDONED_AFTER
+    for path in cache_directory().glob(f"{_PRIVATE_PREFIX}*"):
+        # Another process may remove the same folder.
+        with contextlib.suppress(OSError):
+            if path.stat().st_mtime < oldest:
+                _remove_tree(path)
 
 
 def _configured_directory() -> Path:

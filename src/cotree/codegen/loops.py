@@ -66,13 +66,7 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
     """
     n = len(statements)
     # For each start: length of the longest loop, and of the longest even loop.
-    # The number of each statement's form; statements without a form get unique numbers
-    forms = [row.form for row in statements]
-    numbers: dict[Hashable, int] = {}
-    labels = np.array(
-        [-1 - i if f is None else numbers.setdefault(f, len(numbers)) for i, f in enumerate(forms)],
-        dtype=np.intp,
-    )
+    labels = _labels([row.form for row in statements])
     reach = _form_reach(labels)
     even, period_of = _even_reach(statements, labels)
     covered = np.cumsum([0, *_covered_by_even(even)])
@@ -96,6 +90,15 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
         start = plain = start + length
     if start > plain:
         yield plain, start - plain, 1
+
+
+def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
+    """Return the number of each statement's form; statements without a form get unique numbers."""
+    numbers: dict[Hashable, int] = {}
+    return np.array(
+        [-1 - i if f is None else numbers.setdefault(f, len(numbers)) for i, f in enumerate(forms)],
+        dtype=np.intp,
+    )
 
 
 def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:

@@ -40,11 +40,7 @@ def elimination_tables(plan: Elimination) -> list[Constants]:
     ``updates``: for each pivot, the number of rows that it updates; for each of these, the index of
     the multiplier and the number of runs; for each run, its destination, source and length.
     """
-    # For each row the columns of its factors, as ranks in pivot order
-    ranks = [
-        [*(m for m, _ in before), k, *(j for j, _ in after)]
-        for k, (before, after) in enumerate(zip(plan.lower, plan.upper, strict=True))
-    ]
+    ranks = _ranks(plan)
     starts = [0]
     for row in ranks:
         starts.append(starts[-1] + len(row))
@@ -70,6 +66,14 @@ def elimination_tables(plan: Elimination) -> list[Constants]:
         int_table("factor_columns", [j for row in ranks for j in row]),
         int_table("pivot_rows", pivots),
         int_table("updates", list(_updates(plan, place))),
+    ]
+
+
+def _ranks(plan: Elimination) -> list[list[int]]:
+    """Return for each row the columns of its factors, as ranks in pivot order."""
+    return [
+        [*(m for m, _ in before), k, *(j for j, _ in after)]
+        for k, (before, after) in enumerate(zip(plan.lower, plan.upper, strict=True))
     ]
 
 

@@ -145,15 +145,18 @@ class _Printer:
         """Return the text of an expression."""
         text, numbers = self._format(expression.form), expression.numbers
         if self._is_narrow:
-            # An expression's numbers in the target type; raise CodegenError if out of range
-            numbers = tuple(
-                self._target.fitted(number) if slot == "r" and isinstance(number, float) else number
-                for number, slot in zip(expression.numbers, expression.form.slots, strict=True)
-            )
+            numbers = self._fitted(expression)
         # Outside loops all numbers are plain, so faster formatting suffices.
         if self._is_in_loop:
             return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
+
+    def _fitted(self, expression: CExpression) -> tuple[Number, ...]:
+        """Return an expression's numbers in the target type; raise CodegenError if out of range."""
+        return tuple(
+            self._target.fitted(number) if slot == "r" and isinstance(number, float) else number
+            for number, slot in zip(expression.numbers, expression.form.slots, strict=True)
+        )
 
     def _assign(self, row: Assign) -> str:
         to = " = ".join([self.expression(place) for place in row.to])

@@ -138,19 +138,12 @@ def _diode(has: frozenset[str]) -> Component:
 
 
 def _junction(has: frozenset[str], name: str, between: tuple[str, str]) -> Terminal:
-    storage: Any = None
+    through, storage = _current(has), None
     # If the junction stores charge, its voltage is a state; the static current adds to C dv/dt.
     if has & {"junction_capacitance", "transit_time"}:
-        v, thermal = argument("across"), argument("thermal_voltage")
-        storage = 0
-        if "junction_capacitance" in has:
-            storage += depletion_capacity(v, "junction")
-        if "transit_time" in has:
-            # The diffusion charge is the transit time times the current.
-            slope = junction_current(v, argument("saturation_current"), thermal).slope("across")
-            storage += argument("transit_time") * slope
+        storage = _capacity(has)
     kind = Kind.DISSIPATOR if storage is None else Kind.ACROSS_STORAGE
-    return Terminal(_DOMAIN, kind, name, through=_current(has), storage=storage, between=between)
+    return Terminal(_DOMAIN, kind, name, through=through, storage=storage, between=between)
 
 
 def _current(has: frozenset[str]) -> Any:
@@ -163,6 +156,18 @@ def _current(has: frozenset[str]) -> Any:
         # Avalanche current beyond the breakdown voltage; it is exponential in the voltage.
         current -= argument("breakdown_current") * exp(-beyond / thermal)
     return current
+
+
+def _capacity(has: frozenset[str]) -> Any:
+    v, thermal = argument("across"), argument("thermal_voltage")
+    capacity: Any = 0
+    if "junction_capacitance" in has:
+        capacity += depletion_capacity(v, "junction")
+    if "transit_time" in has:
+        # The diffusion charge is the transit time times the current.
+        slope = junction_current(v, argument("saturation_current"), thermal).slope("across")
+        capacity += argument("transit_time") * slope
+    return capacity
 
 
 def _adapted(edge: str, nodes: Nodes, given: Given) -> Adapted:

@@ -150,15 +150,7 @@ def _pieces(
     if node.op == "symbol":
         return (_Line(zero, dag.one, zero),) if node.data[0] == "t" else ()
     if node.op == "select":
-        # Both branches of a selection as linear functions of time
-        condition, accepted, refused = node.args
-        # max(x, 0), which occurs in sources with a delay, is a line that starts at its root.
-        if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:
-            (clipped,) = pieces[accepted]
-            if clipped.count is None and not clipped.starts:
-                return (_Line(clipped.offset, clipped.rate, dag.zero, starts=True),)
-        own = (*pieces.get(accepted, ()), *pieces.get(refused, ()))
-        return tuple(dict.fromkeys(own))
+        return _branches(dag, node, pieces)
     if not node.args or not all(arg in pieces for arg in node.args):
         return ()
     rows = [pieces[arg] for arg in node.args]
@@ -173,6 +165,18 @@ def _pieces(
     # Combine each piece of one argument with each piece of the others.
     made = [_line(dag, node, choice) for choice in product(*rows)]
     return tuple(dict.fromkeys(line for line in made if line is not None))
+
+
+def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
+    """Return both branches of a selection as linear functions of time."""
+    condition, accepted, refused = node.args
+    # max(x, 0), which occurs in sources with a delay, is a line that starts at its root.
+    if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:
+        (clipped,) = pieces[accepted]
+        if clipped.count is None and not clipped.starts:
+            return (_Line(clipped.offset, clipped.rate, dag.zero, starts=True),)
+    own = (*pieces.get(accepted, ()), *pieces.get(refused, ()))
+    return tuple(dict.fromkeys(own))
 
 
 def _line(dag: Dag, node: Node, rows: Sequence[_Line]) -> _Line | None:

@@ -108,10 +108,7 @@ class Search:
                 self.sizes[self.sizes == 0.0] = 1.0
             self._good = found
             self._known[key] = found
-            # Store a point if it is the best: least violation first, then least objective
-            before = None if self.best is None else self._known[self.best.tobytes()]
-            if before is None or self._rank(found) < self._rank(before):
-                self.best = np.array(v, dtype=float)
+            self._keep(v, found)
         self._last = key, found
         return found
 
@@ -133,6 +130,12 @@ class Search:
         """Constraint violation and objective at the best point."""
         assert self.best is not None
         return self._rank(self.known(self.best))
+
+    def _keep(self, v: Array, found: Point) -> None:
+        """Store a point if it is the best: least violation first, then least objective."""
+        before = None if self.best is None else self._known[self.best.tobytes()]
+        if before is None or self._rank(found) < self._rank(before):
+            self.best = np.array(v, dtype=float)
 
     def _rank(self, found: Point) -> tuple[float, float]:
         missed = float(np.max(self.violations(found) / self.sizes, initial=0.0))

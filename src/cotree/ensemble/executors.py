@@ -229,10 +229,7 @@ class ExecutorRun:
 
     def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:
         """Submit ranges up to the limit, but only one if it may have killed a worker."""
-        now = time.monotonic()
-        if now - self._counted > _COUNTED_FOR:
-            self._n_workers, self._counted = max(1, count_workers(self._executor)), now
-        n_workers = self._n_workers
+        n_workers = self._count()
         room = AHEAD * n_workers
         if hasattr(ranges, "n_workers"):
             ranges.n_workers = n_workers
@@ -336,6 +333,12 @@ class ExecutorRun:
             True,
             futures.ProcessPoolExecutor(own._max_workers, own._mp_context, **start),
         )
+
+    def _count(self) -> int:
+        now = time.monotonic()
+        if now - self._counted > _COUNTED_FOR:
+            self._n_workers, self._counted = max(1, count_workers(self._executor)), now
+        return self._n_workers
 
 
 def count_workers(executor: Any) -> int:

@@ -187,14 +187,7 @@ def read_members(given: Any) -> Members:
     if isinstance(given, Mapping) and not hasattr(given, "data_vars"):
         return _from_columns(given, None, getattr(given, "origin", {}))
     if hasattr(given, "columns") and hasattr(given, "__getitem__"):
-        # Read members from a pandas table, or from another table with named columns
-        names = list(given.columns)
-        for i, name in enumerate(names):
-            if name in names[:i]:
-                raise ParameterError(f"members have two columns '{brief(name)}': keep one of them")
-        index = getattr(given, "index", None)
-        labels = None if index is None else _labels(index)
-        return _from_columns({name: given[name] for name in names}, labels, {})
+        return _from_frame(given)
     if getattr(getattr(given, "dtype", None), "names", None):
         return _from_columns({name: given[name] for name in given.dtype.names}, None, {})
     if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
@@ -232,6 +225,17 @@ def check_columns(
                 f"members have the column '{brief(name)}', but the model has no tunable parameter "
                 f"or state of this name{nearest(name, known)}"
             )
+
+
+def _from_frame(frame: Any) -> Members:
+    """Read members from a pandas table, or from another table with named columns."""
+    names = list(frame.columns)
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ParameterError(f"members have two columns '{brief(name)}': keep one of them")
+    index = getattr(frame, "index", None)
+    labels = None if index is None else _labels(index)
+    return _from_columns({name: frame[name] for name in names}, labels, {})
 
 
 def _labels(index: Any) -> npt.NDArray[Any]:

@@ -99,12 +99,7 @@ class _Assembly:
         rows = _listed(experiments)
         self._ranges = read_ranges(parameters)
         self._apart = _apart(self._ranges, shared, per_experiment)
-        given = check_mapping(start, "start")
-        names = (name.partition("[")[0] for name in given)
-        check_known(names, self._ranges, "start names", _NOT_ESTIMATED, ParameterError)
-        self._begin = {
-            name: check_number(value, f"start of '{name}'") for name, value in given.items()
-        }
+        self._begin = _starts(start, self._ranges)
         if noise is not None:
             check_choice(noise, "noise", ("given", "estimated"))
         self._noise = noise
@@ -284,6 +279,13 @@ def _apart(
     return set(apart) if alike is None else set(ranges) - set(alike)
 
 
+def _starts(start: Any, ranges: Mapping[str, Any]) -> dict[str, float]:
+    given = check_mapping(start, "start")
+    names = (name.partition("[")[0] for name in given)
+    check_known(names, ranges, "start names", _NOT_ESTIMATED, ParameterError)
+    return {name: check_number(value, f"start of '{name}'") for name, value in given.items()}
+
+
 def fit(
     model: Model | Scene,
     experiments: Experiment | Sequence[Experiment],
@@ -398,14 +400,7 @@ def solve(
     if not math.isfinite(records[0].objective):
         subject = f"all {n_starts} starts failed" if n_starts > 1 else "the only start failed"
         raise SolveError(f"{subject}: {records[0].message}")
-    # Raise an error if no parameter influences any measured value
-    (found,) = problem.predict([records[0].theta])
-    if not np.any(found.slopes):
-        names = ", ".join(f"'{name}'" for name in problem.scaled.names)
-        raise ParameterError(
-            f"no measured value depends on {names}: measure other quantities, or estimate "
-            "other parameters"
-        )
+    _check_determined(problem, records[0].theta)
     if any(row.message.startswith("interrupted") for row in records):
         warnings.warn(
             "the fit was interrupted: the result holds the best points found so far",
@@ -463,4 +458,15 @@ def _check_search(problem: Problem, search: Search) -> None:
         raise ParameterError(
             "optimiser='lm' needs at least as many measured values as parameters, of which there "
             f"are {len(problem.estimated)}: use 'trf'"
+        )
+
+
+def _check_determined(problem: Problem, theta: Array) -> None:
+    """Raise an error if no parameter influences any measured value."""
+    (found,) = problem.predict([theta])
+    if not np.any(found.slopes):
+        names = ", ".join(f"'{name}'" for name in problem.scaled.names)
+        raise ParameterError(
+            f"no measured value depends on {names}: measure other quantities, or estimate "
+            "other parameters"
         )

@@ -210,12 +210,14 @@ class _Walk:
             if point[1] >= self._limit:
                 self._refine()
                 return
-            # The step for the target rise, by linear extrapolation of the root of the rise
-            after = point[1]
-            slope = (math.sqrt(max(after, 0.0)) - math.sqrt(max(rise, 0.0))) / step
-            wanted = math.sqrt(max(after, 0.0) + _STEP * self._limit) - math.sqrt(max(after, 0.0))
-            step = min(_LONGER * step, wanted / slope if slope > 0.0 else math.inf)
+            step = self._next(step, rise, point[1])
         self.why = "where the limit of steps was reached"
+
+    def _next(self, step: float, before: float, after: float) -> float:
+        """Return the step for the target rise, by linear extrapolation of the root of the rise."""
+        slope = (math.sqrt(max(after, 0.0)) - math.sqrt(max(before, 0.0))) / step
+        wanted = math.sqrt(max(after, 0.0) + _STEP * self._limit) - math.sqrt(max(after, 0.0))
+        return min(_LONGER * step, wanted / slope if slope > 0.0 else math.inf)
 
     def _refine(self) -> None:
         """Find the crossing of the limit between the last two points, by regula falsi."""

@@ -128,9 +128,7 @@ def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tupl
     for group in _groups(here.open):
         rows = here.open[group]
         rows = rows[:, np.linalg.norm(rows, axis=0) > _NOTHING]
-        # An orthonormal basis of the column space
-        u, s, _ = np.linalg.svd(rows, full_matrices=False)
-        basis = np.asarray(u[:, s > _NOTHING])
+        basis = _spanned(rows)
         chosen = [names[i] for i in group]
         if basis.shape[1] == len(group):
             idle += chosen
@@ -196,6 +194,12 @@ def _groups(basis: Array) -> list[list[int]]:
         new = set(np.flatnonzero(row).tolist())
         groups = [g for g in groups if not g & new] + [new.union(*(g for g in groups if g & new))]
     return sorted(sorted(g) for g in groups if g)
+
+
+def _spanned(columns: Array) -> Array:
+    """Return an orthonormal basis of the column space."""
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, s > _NOTHING])
 
 
 def _complement(columns: Array) -> Array:

@@ -158,12 +158,16 @@ def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
     """Move an inertia by ``offset`` from its centre of mass to a cluster's origin (Steiner)."""
     moment = vector.scale(mass, offset)
     # A particle has no inertia about its own position.
-    # M (c.c 1 - c c^T) from the first moment m c and the offset c.
+    steiner = _steiner(moment, offset)
+    return Inertia(mass, moment, steiner if tensor is None else vector.matadd(tensor, steiner))
+
+
+def _steiner(moment: Vector, offset: Vector) -> Matrix:
+    """Return m (c.c 1 - c c^T) from the first moment m c and the offset c."""
     # Each product m c_i c_j is computed once and used in two entries.
     xx, yy, zz = (moment[i] * offset[i] for i in range(3))
     xy, xz, yz = moment[0] * offset[1], moment[0] * offset[2], moment[1] * offset[2]
-    steiner = ((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy))
-    return Inertia(mass, moment, steiner if tensor is None else vector.matadd(tensor, steiner))
+    return ((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy))
 
 
 def combined(a: Inertia | None, b: Inertia) -> Inertia:
@@ -261,9 +265,7 @@ class _Walks:
             own = edge.rotation
             if step.sign < 0 and own is not None:
                 own = vector.transpose(own)
-            if turn is None or own is None:
-                return turn if own is None else own
-            return vector.matmul(turn, own)
+            return _product(turn, own)
         steps = self.system.steps.get(step.edge, ())
         # After a free rotation, the axes of the outer node are those of the child cluster.
         return None if any(isinstance(own.kind, FreeRotation) for own in steps) else turn
@@ -343,6 +345,12 @@ class _Walks:
             Branch(edge.name, sign, parent, inner, child, carrier, anchor, own, axes, slides, mount)
         )
         return outer
+
+
+def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
+    if a is None or b is None:
+        return a if b is None else b
+    return vector.matmul(a, b)
 
 
 def _inertias(

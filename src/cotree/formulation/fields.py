@@ -263,13 +263,7 @@ class FieldNames:
         """Return the node of a name; ``resolve`` returns the nodes of names inside an output."""
         # In expressions, a parameter takes precedence over an output of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
-            if name in self._pending:
-                raise ExpressionError(f"uses output '{name}', which depends on itself")
-            # An output may use other outputs; an output that is pending here depends on itself.
-            self._pending.append(name)
-            found = self._scene.outputs[name].lower(self._dag, (resolve or self.node))
-            self._pending.remove(name)
-            return found
+            return self._output(name, resolve or self.node)
         # Names of states also contain dots, but their symbols are already known.
         is_across = bool(owner_among(name, self._places))
         if not is_across or name in self._known:
@@ -278,6 +272,15 @@ class FieldNames:
             assert not self._is_gathered  # a symbol created now would never be replaced
             self._measured[name] = self._dag.symbol(MEASURED, len(self._measured))
         return self._measured[name]
+
+    def _output(self, name: str, resolve: Resolver) -> Node:
+        if name in self._pending:
+            raise ExpressionError(f"uses output '{name}', which depends on itself")
+        # An output may use other outputs; an output that is pending here depends on itself.
+        self._pending.append(name)
+        found = self._scene.outputs[name].lower(self._dag, resolve)
+        self._pending.remove(name)
+        return found
 
     @property
     def measured(self) -> tuple[str, ...]:

@@ -372,15 +372,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
     if getattr(expression, "is_number", False):
         return number_tree(float(expression))
     if isinstance(expression, sympy.Piecewise):
-        # A `Piecewise` as nested conditionals, or None if one of its parts has no tree.
-        # The last branch, which has no condition, is the innermost one.
-        whole = to_tree(expression.args[-1][0], names)
-        for value, condition in reversed(expression.args[:-1]):
-            own, holds = to_tree(value, names), to_tree(condition, names)
-            if own is None or holds is None or whole is None:
-                return None
-            whole = fill("where(a, b, c)", holds, own, whole)
-        return whole
+        return _conditional(expression, names)
     args = [to_tree(arg, names) for arg in expression.args]
     if None in args:
         return None
@@ -396,3 +388,15 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
     if FUNCTIONS.get(kind) != len(trees):
         return None
     return ast.Call(ast.Name(kind), trees, [])
+
+
+def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
+    """Return a ``Piecewise`` as nested conditionals, or None if one of its parts has no tree."""
+    # The last branch, which has no condition, is the innermost one.
+    whole = to_tree(expression.args[-1][0], names)
+    for value, condition in reversed(expression.args[:-1]):
+        own, holds = to_tree(value, names), to_tree(condition, names)
+        if own is None or holds is None or whole is None:
+            return None
+        whole = fill("where(a, b, c)", holds, own, whole)
+    return whole

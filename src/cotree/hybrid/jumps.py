@@ -114,17 +114,7 @@ class _Rewriting:
             for name, event in scene.events.items()
         }
         # Jumps in all other outputs are kept, because no state depends on them.
-        # The names of outputs on which fields and events depend
-        outputs = self._old.outputs
-        read = [item.names for edge in self._old.edges.values() for item in _of_edge(edge)]
-        read += [event.when.names for event in self._old.events.values()]
-        waiting = [name for names in read for name in names if name in outputs]
-        used: set[str] = set()
-        while waiting:
-            name = waiting.pop()
-            if name not in used:
-                used.add(name)
-                waiting += [other for other in outputs[name].names if other in outputs]
+        used = self._used()
         self.scene.outputs = {
             name: self._expression(item) if name in used else item
             for name, item in scene.outputs.items()
@@ -132,6 +122,20 @@ class _Rewriting:
         self.scene.modes = {**scene.modes, **self._modes}
         # Events that change a mode precede events that may depend on it.
         self.scene.events = {**self._events, **events}
+
+    def _used(self) -> set[str]:
+        """Return the names of outputs on which fields and events depend."""
+        outputs = self._old.outputs
+        read = [item.names for edge in self._old.edges.values() for item in _of_edge(edge)]
+        read += [event.when.names for event in self._old.events.values()]
+        waiting = [name for names in read for name in names if name in outputs]
+        found: set[str] = set()
+        while waiting:
+            name = waiting.pop()
+            if name not in found:
+                found.add(name)
+                waiting += [other for other in outputs[name].names if other in outputs]
+        return found
 
     def _edge(self, edge: Edge) -> Edge:
         # Constant fields depend only on parameters, so they do not jump during a run.
@@ -211,11 +215,7 @@ class _Rewriting:
         """
         # Equal texts jump at the same times, so they share a mode and its events.
         if text not in self._known:
-            short = text if len(text) <= _LONGEST_NAME else f"{text[: _LONGEST_NAME - 3]}..."
-            name, n = short, 1
-            while name in self._modes:
-                n += 1
-                name = f"{short} ({n})"
+            name = self._new_name(text)
             self._known[text] = name
             self._modes[name] = Mode(name, Expression.of_tree(call, where), where, is_jump=True)
             for direction, looked_at, value in rows:
@@ -226,6 +226,14 @@ class _Rewriting:
                 )
                 self._events[event] = Event(event, when, direction, {name: new}, is_jump=True)
         return ast.Name(self._known[text])
+
+    def _new_name(self, text: str) -> str:
+        short = text if len(text) <= _LONGEST_NAME else f"{text[: _LONGEST_NAME - 3]}..."
+        name, n = short, 1
+        while name in self._modes:
+            n += 1
+            name = f"{short} ({n})"
+        return name
 
 
 _ITSELF = ast.Name("")
@@ -241,16 +249,7 @@ class _Tree:
 
     def _change(self, node: ast.expr) -> ast.expr | None:
         if isinstance(node, ast.Compare):
-            # Replace each comparison by a mode: one if the comparison is true, otherwise zero
-            sides = [self.rewritten(side) for side in (node.left, *node.comparators)]
-            if id(node) in self._kept:
-                return ast.Compare(sides[0], node.ops, sides[1:])
-            # A chain of comparisons is a conjunction, with one mode for each comparison.
-            parts = [
-                self._comparison(ast.Compare(a, [op], [b]))
-                for a, op, b in zip(sides[:-1], node.ops, sides[1:], strict=True)
-            ]
-            return parts[0] if len(parts) == 1 else ast.BoolOp(ast.And(), parts)
+            return self._compare(node)
         return self._call(node) if isinstance(node, ast.Call) else None
 
     def _call(self, given: ast.Call) -> ast.expr:
@@ -288,6 +287,18 @@ class _Tree:
         down = (-1, fill("a - b", value, _ITSELF), fill(new.format("min", "-"), value, _ITSELF))
         call = fill("floor(a)", value)
         return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
+
+    def _compare(self, node: ast.Compare) -> ast.expr:
+        """Replace each comparison by a mode: one if the comparison is true, otherwise zero."""
+        sides = [self.rewritten(side) for side in (node.left, *node.comparators)]
+        if id(node) in self._kept:
+            return ast.Compare(sides[0], node.ops, sides[1:])
+        # A chain of comparisons is a conjunction, with one mode for each comparison.
+        parts = [
+            self._comparison(ast.Compare(a, [op], [b]))
+            for a, op, b in zip(sides[:-1], node.ops, sides[1:], strict=True)
+        ]
+        return parts[0] if len(parts) == 1 else ast.BoolOp(ast.And(), parts)
 
     def _comparison(self, node: ast.Compare) -> ast.expr:
         a, b = node.left, node.comparators[0]

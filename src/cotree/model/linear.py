@@ -101,13 +101,7 @@ def linearise(slope: Matrix, y: Array) -> Linear:
         raise np.linalg.LinAlgError("not finite")
     if isinstance(slope, np.ndarray):
         # Dense systems are small, and the inverse also bounds the effect of rounding errors.
-        matrix = slope[:, -n:]
-        solver, unit = _solver(len(matrix))
-        _, _, inverse, status = solver(matrix, unit)
-        if status != 0 or (
-            not math.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse))
-        ):
-            raise np.linalg.LinAlgError("singular")
+        inverse = _inverse(slope[:, -n:])
         return Linear(inverse.dot, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
     solve = _factorised(slope[:, -n:])
     # The inverse would be dense; solutions for random signs estimate its absolute row sums.
@@ -134,6 +128,16 @@ def solve_with(matrix: Matrix, b: Array) -> Array:
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.solve(matrix, b), dtype=np.float64)
     return _factorised(matrix)(b)
+
+
+def _inverse(matrix: Array) -> Array:
+    solver, unit = _solver(len(matrix))
+    _, _, inverse, status = solver(matrix, unit)
+    if status != 0 or (
+        not math.isfinite(np.vdot(inverse, inverse)) and not np.all(np.isfinite(inverse))
+    ):
+        raise np.linalg.LinAlgError("singular")
+    return inverse
 
 
 @functools.cache

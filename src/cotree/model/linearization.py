@@ -33,6 +33,31 @@ def order_of(values: npt.NDArray[np.complex128]) -> npt.NDArray[np.intp]:
     return np.lexsort((-values.imag, -values.real))
 
 
+def eigenvalue_slopes(matrix: Array, slope: Array) -> npt.NDArray[np.complex128]:
+    """Return the derivatives of a matrix's eigenvalues, in the order of :func:`order_of`."""
+    from scipy.linalg import eig
+
+    if not matrix.size:
+        return np.zeros(0, dtype=complex)
+    values, left, right = eig(matrix, left=True, right=True)
+    # Cosines between left and right eigenvectors of unit length.
+    cosines = np.einsum("ij,ij->j", left.conj(), right)
+    weak = np.abs(cosines) <= _SPLIT
+    far = np.abs(values[:, None] - values)
+    np.fill_diagonal(far, np.inf)
+    near = far.min(axis=1) <= _SPLIT * max(float(np.abs(values).max()), 1e-300)
+    if np.any(weak | near):
+        found = values[np.flatnonzero(weak | near)[0]]
+        shown = f"{found.real:.6g}" if found.imag == 0.0 else f"{found:.6g}"
+        raise SingularSystemError(
+            f"the eigenvalue {shown} is a multiple eigenvalue, which is not differentiable: "
+            "change a parameter slightly, or remove states on which nothing depends, by "
+            "reduced=True or fewer joints"
+        )
+    slopes = np.einsum("ij,ik,kj->j", left.conj(), slope, right) / cosines
+    return np.asarray(slopes[order_of(values)], dtype=complex)
+
+
 @dataclass(frozen=True, eq=False)
 class LinearSlopes:
     """Derivatives of a linear system's matrices with respect to one parameter.
@@ -151,28 +176,7 @@ class Linearization(Reported):
         SingularSystemError
             If eigenvalues coincide, because multiple eigenvalues are not differentiable.
         """
-        # The derivatives of a matrix's eigenvalues, in the order of :func:`order_of`
-        from scipy.linalg import eig
-
-        if not self.A.size:
-            return np.zeros(0, dtype=complex)
-        values, left, right = eig(self.A, left=True, right=True)
-        # Cosines between left and right eigenvectors of unit length.
-        cosines = np.einsum("ij,ij->j", left.conj(), right)
-        weak = np.abs(cosines) <= _SPLIT
-        far = np.abs(values[:, None] - values)
-        np.fill_diagonal(far, np.inf)
-        near = far.min(axis=1) <= _SPLIT * max(float(np.abs(values).max()), 1e-300)
-        if np.any(weak | near):
-            found = values[np.flatnonzero(weak | near)[0]]
-            shown = f"{found.real:.6g}" if found.imag == 0.0 else f"{found:.6g}"
-            raise SingularSystemError(
-                f"the eigenvalue {shown} is a multiple eigenvalue, which is not differentiable: "
-                "change a parameter slightly, or remove states on which nothing depends, by "
-                "reduced=True or fewer joints"
-            )
-        slopes = np.einsum("ij,ik,kj->j", left.conj(), self.sensitivity(name).A, right) / cosines
-        return np.asarray(slopes[order_of(values)], dtype=complex)
+        return eigenvalue_slopes(self.A, self.sensitivity(name).A)
 
     def to_scipy(self) -> Any:
         """Return a continuous-time ``scipy.signal.StateSpace``, which has no names."""

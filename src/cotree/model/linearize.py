@@ -105,13 +105,7 @@ class Linearizer:
     def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
         self._equations = equations
         solved = SolvedSystem.of(equations)
-        columns = (*equations.columns, *input_columns)
-        zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
-        self._nodes = [
-            node
-            for row in solved.along(columns)
-            for node in (*spread(row.rates, n, zero), *spread(row.outputs, k, zero))
-        ]
+        self._nodes = _columns(equations, solved, (*equations.columns, *input_columns))
         rates = solved.substitute(equations.rates)
         rows = equations.constraints
         valued = {i: value for i, value in enumerate(rows.values) if value is not None}
@@ -388,6 +382,17 @@ class Linearizer:
             if kind in known:
                 values[symbol] = float(known[kind][position])
         return values
+
+
+def _columns(
+    equations: Equations, solved: SolvedSystem, columns: Sequence[Derivative]
+) -> list[Node]:
+    zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
+    return [
+        node
+        for row in solved.along(columns)
+        for node in (*spread(row.rates, n, zero), *spread(row.outputs, k, zero))
+    ]
 
 
 def linearize(

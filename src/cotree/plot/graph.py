@@ -51,11 +51,7 @@ def draw_graphs(
     )
     for drawing, (_, tree), ax in zip(drawings, pairs, axes[0], strict=True):
         _draw(drawing, tree, ax)
-        # Draw broad pale strokes under each part's edges, whose names begin with the part's name
-        for number, part in enumerate(parts):
-            for curve in drawing.curves:
-                if curve.edge.name.startswith(f"{part}."):
-                    _draw_curve(ax, curve, lw=22, ec=f"C{number % 10}", alpha=0.15, zorder=0)
+        _draw_parts(drawing, parts, ax)
     return figure
 
 
@@ -92,14 +88,7 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         if node == graph.reference:
             # A ground symbol points down, up, left or right.
             away = _freest(directions, 4)
-            side = np.array([-away[1], away[0]])
-            ground = position + 0.14 * away
-            strokes = [(position, ground), (ground - 0.24 * side, ground + 0.24 * side)]
-            for shift in np.linspace(-0.2, 0.24, 6):
-                begin = ground + shift * side
-                strokes.append((begin, begin + 0.1 * away - 0.08 * side))
-            for begin, end in strokes:
-                ax.plot([begin[0], end[0]], [begin[1], end[1]], color="black", lw=1.1, zorder=1)
+            _draw_ground(ax, position, away)
             place = position + (0.42 if away[0] == 0 else 0.5) * away
         else:
             away = _freest(directions, 16)
@@ -107,12 +96,15 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         ax.add_patch(Circle(tuple(position), _DOT, fc="black", ec="white", lw=0.8, zorder=4))
         _write(ax, place, node, fontsize=11, zorder=5)
     if tree is not None:
-        from matplotlib.lines import Line2D
+        _draw_key(ax)
 
-        branch = Line2D([], [], color="black", lw=3.0, label="branch")
-        chord = Line2D([], [], color="0.25", lw=1.1, label="chord")
-        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "ncols": 2}
-        ax.legend(handles=[branch, chord], frameon=False, fontsize=9, **below)
+
+def _draw_parts(drawing: GraphDrawing, parts: Sequence[str], ax: Axes) -> None:
+    """Draw broad pale strokes under each part's edges, whose names begin with the part's name."""
+    for number, part in enumerate(parts):
+        for curve in drawing.curves:
+            if curve.edge.name.startswith(f"{part}."):
+                _draw_curve(ax, curve, lw=22, ec=f"C{number % 10}", alpha=0.15, zorder=0)
 
 
 def _draw_curve(ax: Axes, curve: Curve, **style: Any) -> None:
@@ -159,3 +151,23 @@ def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
 
 def _write(ax: Axes, place: Array, text: str, **style: Any) -> None:
     ax.text(place[0], place[1], text, ha="center", va="center", parse_math=False, **style)
+
+
+def _draw_ground(ax: Axes, position: Array, away: Array) -> None:
+    side = np.array([-away[1], away[0]])
+    ground = position + 0.14 * away
+    strokes = [(position, ground), (ground - 0.24 * side, ground + 0.24 * side)]
+    for shift in np.linspace(-0.2, 0.24, 6):
+        begin = ground + shift * side
+        strokes.append((begin, begin + 0.1 * away - 0.08 * side))
+    for begin, end in strokes:
+        ax.plot([begin[0], end[0]], [begin[1], end[1]], color="black", lw=1.1, zorder=1)
+
+
+def _draw_key(ax: Axes) -> None:
+    from matplotlib.lines import Line2D
+
+    branch = Line2D([], [], color="black", lw=3.0, label="branch")
+    chord = Line2D([], [], color="0.25", lw=1.1, label="chord")
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "ncols": 2}
+    ax.legend(handles=[branch, chord], frameon=False, fontsize=9, **below)

@@ -95,11 +95,7 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
     simple.add_edges_from((0, index_of[node]) for node in floating)
     pairs = sorted(tuple(sorted(pair)) for pair in simple.edges)
     if pairs == [(i, i + 1) for i in range(len(order) - 1)]:
-        # Positions of `n` nodes of a chain in a serpentine from the top left corner.
-        # Reverse every second row, so that neighbours in the chain are adjacent.
-        row, column = np.divmod(np.arange(len(order)), _LINE)
-        column = np.where(row % 2 == 0, column, _LINE - 1 - column)
-        points = np.column_stack([1.3 * column, -1.1 * row]).astype(float)
+        points = _serpentine(len(order))
     else:
         angles = np.linspace(0, 2 * np.pi, len(order), endpoint=False)
         # Start on a circle, in the order of a traversal from the reference.
@@ -110,6 +106,14 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
         lengths = [np.linalg.norm(points[i] - points[j]) for i, j in pairs]
         points = _reference_below(points / np.median(lengths) * 1.5, pairs)
     return dict(zip(order, points, strict=True))
+
+
+def _serpentine(n: int) -> Array:
+    """Return positions of `n` nodes of a chain in a serpentine from the top left corner."""
+    # Reverse every second row, so that neighbours in the chain are adjacent.
+    row, column = np.divmod(np.arange(n), _LINE)
+    column = np.where(row % 2 == 0, column, _LINE - 1 - column)
+    return np.column_stack([1.3 * column, -1.1 * row]).astype(float)
 
 
 def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:

@@ -40,11 +40,7 @@ def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -
     is_known = all(map(_is_known, settings.inputs.values()))
     if record.status != 0 or not (is_short and is_known):
         return record
-    span = (float(record.t[0]), float(record.t[-1]))
-    signals = read_signals(settings.inputs, model.inputs)
-    p = model.arguments_of(record.parameter_values)
-    restarts = model.restart_times(p, span, settings.inputs, signals.breakpoints).times
-    jumps = np.concatenate([restarts, *(e.t for e in record.events.values())])
+    jumps = _jumps(record, model, settings)
     wanted = _times(t, jumps)
     try:
         with without_warnings():
@@ -60,6 +56,14 @@ def _is_known(value: object) -> bool:
     return not any(map(callable, parts)) and isinstance(
         value, (str, Number, tuple, list, np.ndarray)
     )
+
+
+def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> FloatArray:
+    span = (float(record.t[0]), float(record.t[-1]))
+    signals = read_signals(settings.inputs, model.inputs)
+    p = model.arguments_of(record.parameter_values)
+    restarts = model.restart_times(p, span, settings.inputs, signals.breakpoints).times
+    return np.concatenate([restarts, *(e.t for e in record.events.values())])
 
 
 def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:

@@ -50,17 +50,7 @@ def stage_parameters(program: Program) -> Program:
     # All kernels at once, so that a value that several kernels use is prepared only once.
     results = [node for kernel in program.kernels.values() for node in kernel.results]
     dag, n_pieces = program.dag, program.layout.n_pieces
-    # Values that depend only on parameters and are results or enter varying values
-    order = reachable(results)
-    varying = varying_values(order)
-    read = {arg for node in order if node in varying for arg in node.args}
-    read.update(results)
-    frontier = [
-        # Kernels read the results of a node with several results, not the node itself.
-        node
-        for node in order
-        if node in read and node not in varying and node.args and node.op not in SEVERAL
-    ]
+    frontier = _frontier(results)
     pieces = [dag.symbol(PIECE, i) for i in range(n_pieces)]
     prepared = {node: i for i, node in enumerate([*frontier, *pieces])}
     kernels = {name: replace(kernel, prepared=prepared) for name, kernel in program.kernels.items()}
@@ -73,6 +63,20 @@ def stage_parameters(program: Program) -> Program:
 def varying_values(order: Sequence[Node]) -> set[Node]:
     """Return the nodes in ``order`` that depend on more than parameters."""
     return dependent(order, [n for n in order if n.op == "symbol" and n.data[0] != PARAMETER])
+
+
+def _frontier(results: list[Node]) -> list[Node]:
+    """Return values that depend only on parameters and are results or enter varying values."""
+    order = reachable(results)
+    varying = varying_values(order)
+    read = {arg for node in order if node in varying for arg in node.args}
+    read.update(results)
+    return [
+        # Kernels read the results of a node with several results, not the node itself.
+        node
+        for node in order
+        if node in read and node not in varying and node.args and node.op not in SEVERAL
+    ]
 
 
 def for_each_kernel(change: Callable[[Kernel], Kernel], program: Program) -> Program:
@@ -171,17 +175,7 @@ def _balanced(kernel: Kernel) -> Kernel:
     order = kernel.order
     varying = varying_values(order)
     started, longest = bounds(order, set(order) - varying)
-    # The sums whose only user is another sum, into which they can be merged
-    uses = Counter(arg for node in order for arg in node.args)
-    # A result counts as a use, since it would be lost if it were merged into another sum.
-    uses.update(kernel.results)
-    inner = {
-        arg
-        for node in order
-        if node.op in _SUMS
-        for arg in node.args
-        if arg.op in _SUMS and uses[arg] == 1 and arg in varying and any(a.args for a in arg.args)
-    }
+    inner = _inner_sums(order, kernel.results, varying)
     # A shorter path is no gain if the number of operations determines the time of the kernel.
     if not inner or started > _MOST * longest:
         return kernel
@@ -216,6 +210,25 @@ class _Clock:
                 time = latest + waits(node) if latest > _PREPARED else _PREPARED
             self.times[node] = time
         return time
+
+
+def _inner_sums(
+    order: Sequence[Node], results: Sequence[Node], varying: Collection[Node]
+) -> set[Node]:
+    """Return the sums whose only user is another sum, into which they can be merged.
+
+    Sums of two kernel arguments are excluded, since the difference of close arguments is exact.
+    """
+    uses = Counter(arg for node in order for arg in node.args)
+    # A result counts as a use, since it would be lost if it were merged into another sum.
+    uses.update(results)
+    return {
+        arg
+        for node in order
+        if node.op in _SUMS
+        for arg in node.args
+        if arg.op in _SUMS and uses[arg] == 1 and arg in varying and any(a.args for a in arg.args)
+    }
 
 
 def _terms(

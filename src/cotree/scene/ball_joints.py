@@ -39,19 +39,7 @@ def with_ball_joints(scene: _Scene) -> _Scene:
         if terminal.domain != "rotational" or len(edge.ports) > 1:
             continue
         if port.kind is Kind.DISSIPATOR:
-            assert terminal.through is not None
-            squares = sum(argument(f"across_{other}") ** 2 for other in _NAMES)
-            factor = terminal.through.over("across").where(across=sqrt(squares + _SLOWEST**2))
-            turns = tuple(
-                replace(
-                    terminal,
-                    port=name,
-                    through=factor * argument(f"across_{name}"),
-                    is_passive=False,
-                    touch=Touch(0, f"spin{i + 1}"),
-                )
-                for i, name in enumerate(_NAMES)
-            )
+            turns = _turns(terminal)
         elif port.kind is Kind.FRICTION:
             _check(port)
             turns = _frictions(terminal)
@@ -84,6 +72,22 @@ def _check(port: Port) -> None:
             "joint has three components: use stribeck_speed, or the rates w1, w2 and w3 of the "
             "joint"
         )
+
+
+def _turns(terminal: Terminal) -> tuple[Terminal, ...]:
+    assert terminal.through is not None
+    squares = sum(argument(f"across_{other}") ** 2 for other in _NAMES)
+    factor = terminal.through.over("across").where(across=sqrt(squares + _SLOWEST**2))
+    return tuple(
+        replace(
+            terminal,
+            port=name,
+            through=factor * argument(f"across_{name}"),
+            is_passive=False,
+            touch=Touch(0, f"spin{i + 1}"),
+        )
+        for i, name in enumerate(_NAMES)
+    )
 
 
 def _frictions(terminal: Terminal) -> tuple[Terminal, ...]:

@@ -125,10 +125,7 @@ class Dimensions:
             case ast.UnaryOp(operand=operand):
                 return self.of(operand)
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
-                base, exponent = self.of(left), _number(right)
-                if base is None or (exponent is None and base != _NONE):
-                    return None
-                return tuple(x * (exponent or 0.0) for x in base)
+                return self._power(left, right)
             case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
                 a, b = self.of(left), self.of(right)
                 sign = 1.0 if isinstance(op, ast.Mult) else -1.0
@@ -164,6 +161,12 @@ class Dimensions:
                     f"{unit_text(own)}"
                 )
         return found
+
+    def _power(self, left: ast.expr, right: ast.expr) -> Dimension | None:
+        base, exponent = self.of(left), _number(right)
+        if base is None or (exponent is None and base != _NONE):
+            return None
+        return tuple(x * (exponent or 0.0) for x in base)
 
     def _call(self, function: str, args: list[ast.expr]) -> Dimension | None:
         if function in _KEEPING:

@@ -12,6 +12,8 @@ from cotree.components import OWN
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from cotree.scene.usage_text import Usage
+
 
 class ComponentMethod:
     """Descriptor of one component's method, which is created when it is first used."""
@@ -60,7 +62,12 @@ def _function(type: str) -> Callable[..., None]:
     usage = usage_of(type)
     add.__name__, add.__qualname__ = type, f"Scene.{type}"
     add.__doc__ = docstring_of(usage)
-    # The signature that help() and notebooks show
+    add.__signature__ = _signature(usage)  # type: ignore[attr-defined]
+    return add
+
+
+def _signature(usage: Usage) -> inspect.Signature:
+    """Return the signature that help() and notebooks show."""
     alone, keyword = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.KEYWORD_ONLY
     needed, rest = usage.nodes[: usage.n_needed], usage.nodes[usage.n_needed :]
     rows = [inspect.Parameter(name, alone) for name in ("scene", "name", *needed)]
@@ -72,5 +79,4 @@ def _function(type: str) -> Callable[..., None]:
         rows.append(inspect.Parameter(entry.name, keyword, default=default))
     if usage.initial:
         rows.append(inspect.Parameter("initial", keyword, default=None))
-    add.__signature__ = inspect.Signature(rows)
-    return add
+    return inspect.Signature(rows)

@@ -80,19 +80,7 @@ def initial_units(component: Component) -> dict[str, str]:
     if component.geometry is not None:
         return {}  # the initial values of a body determine its position
     if component.role is Role.NETWORK:
-        # Units of possible states of a scalar component; ambiguous names are `port.name`
-        found: list[tuple[str, str, str]] = []
-        for port in component.ports:
-            row, integral = DOMAINS[port.domain], integral_of(port)
-            # The tree determines which variables become states, so a scene may set any of them.
-            names = [(row.across_symbol, row.across_unit), (row.through_symbol, row.through_unit)]
-            names += [(integral.name, integral.unit)] if integral else []
-            names += [content] if (content := content_of(port)) else []
-            found += [(port.port, name, unit) for name, unit in names]
-        # Short names must be unambiguous; long names are always accepted.
-        count = Counter(name for _, name, _ in found)
-        alone = {name: unit for _, name, unit in found if count[name] == 1}
-        return alone | {f"{port}.{name}": unit for port, name, unit in found if port}
+        return _network_units(component)
     spaces = [component.motion_space]
     if component.role is Role.BODY:
         # Names are the same in each plane, so the names of plane z are used.
@@ -112,6 +100,22 @@ def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[s
             yield from ((f"{name}.{own}", item) for own, item in value.items())
         else:
             yield name, value
+
+
+def _network_units(component: Component) -> dict[str, str]:
+    """Return units of possible states of a scalar component; ambiguous names are ``port.name``."""
+    found: list[tuple[str, str, str]] = []
+    for port in component.ports:
+        row, integral = DOMAINS[port.domain], integral_of(port)
+        # The tree determines which variables become states, so a scene may set any of them.
+        names = [(row.across_symbol, row.across_unit), (row.through_symbol, row.through_unit)]
+        names += [(integral.name, integral.unit)] if integral else []
+        names += [content] if (content := content_of(port)) else []
+        found += [(port.port, name, unit) for name, unit in names]
+    # Short names must be unambiguous; long names are always accepted.
+    count = Counter(name for _, name, _ in found)
+    alone = {name: unit for _, name, unit in found if count[name] == 1}
+    return alone | {f"{port}.{name}": unit for port, name, unit in found if port}
 
 
 def check_vector(value: object, where: str) -> tuple[Expression, ...]:

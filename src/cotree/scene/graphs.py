@@ -206,6 +206,21 @@ class Trees:
         )
 
 
+def check_coupled(scene: SceneDescription, trees: Trees) -> None:
+    """Raise if the trees separate a translation from the rotation to which it is coupled."""
+    for name in trees.branches:
+        edge = scene.edges[name]
+        if not _is_coupled(edge):
+            continue
+        # The edge's rotation partly determines its translation.
+        held = [d for d in _GRAPHS if trees.is_branch(name, d == "rotation")]
+        if len(held) == 1:
+            raise FormulationError(
+                f"{edge.component.name} '{name}' is a branch of the {held[0]} tree only, but it "
+                "couples translation to rotation: name it in both trees, or in neither"
+            )
+
+
 def _is_coupled(edge: Edge) -> bool:
     if edge.component.role is Role.ARM:
         return True
@@ -260,13 +275,7 @@ def choose_trees(
             # adds as a branch, so the lightest spanning tree adds the fewest.
             trees[domain] = select_tree(graph, _weights(scene, graph))
         else:
-            for name in names:
-                edge = scene.edges.get(name)
-                if edge is not None and edge.component.tree_weight is None:
-                    raise TopologyError(
-                        f"edge '{name}' of type '{edge.component.name}' cannot be a branch: it has "
-                        "no motion space; name joints, arms and bodies"
-                    )
+            _check_branches(scene, names)
             trees[domain] = named_tree(graph, names)
     return trees
 
@@ -326,20 +335,7 @@ def separate_trees(scene: SceneDescription) -> list[Trees]:
     graphs = linear_graphs(scene)
     found = {}
     for joints in (joint_branches(scene), _shallow_tree(scene, graphs)):
-        # The rotation tree of edges that fix angles, with one body for each rigid part
-        graph = graphs["rotation"]
-        spaces = motion_spaces(scene).of
-        order = {step.child: i for i, step in enumerate(tree_walk(joints.translation))}
-        weights = {}
-        for name in graph.edge_names:
-            component = scene.edges[name].component
-            if component.role is Role.BODY:
-                # Of all bodies that rotate together, choose the first one in the translation tree.
-                weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
-            elif component.tree_weight is not None:
-                # Edges that fix the angle are the lightest; bodies precede revolute joints.
-                weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
-        rotation = select_tree(graph, weights)
+        rotation = _tree_of_angles(scene, graphs["rotation"], joints.translation)
         # A chord that fixes an angle would constrain the angles of the bodies.
         held = (scene.edges[name].component for name in rotation.chords)
         if any(c.role in (Role.JOINT, Role.ARM) and not _turns(c.motion_space) for c in held):
@@ -352,6 +348,22 @@ def separate_trees(scene: SceneDescription) -> list[Trees]:
 
 def _turns(steps: Sequence[MotionStep]) -> bool:
     return any(step.rotates for step in steps)
+
+
+def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tree) -> Tree:
+    """Return the rotation tree of edges that fix angles, with one body for each rigid part."""
+    spaces = motion_spaces(scene).of
+    order = {step.child: i for i, step in enumerate(tree_walk(translation))}
+    weights = {}
+    for name in graph.edge_names:
+        component = scene.edges[name].component
+        if component.role is Role.BODY:
+            # Of all bodies that rotate together, choose the first one in the translation tree.
+            weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
+        elif component.tree_weight is not None:
+            # Edges that fix the angle are the lightest; bodies are preferred to revolute joints.
+            weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
+    return select_tree(graph, weights)
 
 
 def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
@@ -381,21 +393,20 @@ def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) ->
     return joint_tree(scene, trees)
 
 
+def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
+    for name in names:
+        edge = scene.edges.get(name)
+        if edge is not None and edge.component.tree_weight is None:
+            raise TopologyError(
+                f"edge '{name}' of type '{edge.component.name}' cannot be a branch: it has no "
+                "motion space; name joints, arms and bodies"
+            )
+
+
 def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Trees:
     """Return the trees that define the coordinates, after a check of coupled motions."""
     pair = Trees(trees["translation"], trees["rotation"])
-    # Raise if the trees separate a translation from the rotation to which it is coupled
-    for name in pair.branches:
-        edge = scene.edges[name]
-        if not _is_coupled(edge):
-            continue
-        # The edge's rotation partly determines its translation.
-        held = [d for d in _GRAPHS if pair.is_branch(name, d == "rotation")]
-        if len(held) == 1:
-            raise FormulationError(
-                f"{edge.component.name} '{name}' is a branch of the {held[0]} tree only, but it "
-                "couples translation to rotation: name it in both trees, or in neither"
-            )
+    check_coupled(scene, pair)
     return pair
 
 

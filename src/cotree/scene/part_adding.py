@@ -290,11 +290,7 @@ def add_part(
     source: str,
 ) -> None:
     """Add a part to a scene; see :meth:`PartMethods.add`."""
-    check_name("part", name)
-    if name in _TAKEN:
-        raise SceneError(f"part name '{name}' already has a meaning in expressions: rename it")
-    if name in scene.parts:
-        raise SceneError(f"the name of part '{name}' is taken: every part needs its own")
+    _check_part_name(scene, name)
     for port in template.ports:
         if port not in template.nodes:
             hint = nearest(port, template.nodes)
@@ -306,18 +302,7 @@ def add_part(
     except ModelError as error:
         raise type(error)(f"part '{name}': {error}") from None
     members = dict.fromkeys((member for member, _ in part.members()), part)
-    own_edges = takewhile(lambda key: "." not in key, reversed(scene.edges))
-    own_nodes = {node for key in own_edges for node in scene.edges[key].nodes}
-    taken = {"edge": scene.edges, "node": own_nodes | scene.connected, "part": scene.members}
-    for member in members:
-        check_name("part", member)
-        kind = next((kind for kind, names in taken.items() if member in names), "")
-        if kind:
-            array = "" if member == name else f" of the array '{name}'"
-            raise SceneError(
-                f"the name of part '{member}'{array} is also that of a {kind}, so that "
-                "expressions would be ambiguous: rename one"
-            )
+    _check_members(scene, name, members)
     # Bindings may call the outer scene's tables.
     with table_scope(scene.tables):
         rows = _rows_of(scene, part)
@@ -428,3 +413,26 @@ def check_node(scene: SceneDescription, name: object) -> str:
         hint = nearest(node, (f"{member}.{other}" for other in part.node_names))
         raise SceneError(f"part '{member}' has no node '{brief(local)}'{hint}")
     return node
+
+
+def _check_part_name(scene: SceneDescription, name: object) -> None:
+    check_name("part", name)
+    if name in _TAKEN:
+        raise SceneError(f"part name '{name}' already has a meaning in expressions: rename it")
+    if name in scene.parts:
+        raise SceneError(f"the name of part '{name}' is taken: every part needs its own")
+
+
+def _check_members(scene: SceneDescription, name: str, members: Mapping[str, Part]) -> None:
+    own_edges = takewhile(lambda key: "." not in key, reversed(scene.edges))
+    own_nodes = {node for key in own_edges for node in scene.edges[key].nodes}
+    taken = {"edge": scene.edges, "node": own_nodes | scene.connected, "part": scene.members}
+    for member in members:
+        check_name("part", member)
+        kind = next((kind for kind, names in taken.items() if member in names), "")
+        if kind:
+            array = "" if member == name else f" of the array '{name}'"
+            raise SceneError(
+                f"the name of part '{member}'{array} is also that of a {kind}, so that "
+                "expressions would be ambiguous: rename one"
+            )

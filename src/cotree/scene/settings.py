@@ -432,13 +432,7 @@ def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
         if start not in (INITIAL, OPERATING_POINT):
             raise SceneError(f"{what} is '{start}': give '{INITIAL}' or '{OPERATING_POINT}'")
     if "held" in changed:
-        value = changed["held"]
-        if not isinstance(value, Mapping):
-            raise SceneError("held of the simulation must be a table of nodes and voltages")
-        changed["held"] = tuple(
-            (check_path("node", node), parse(item, f"voltage of node '{node}'"))
-            for node, item in value.items()
-        )
+        changed["held"] = _held(changed["held"])
     try:
         # Settings are immutable and may be shared, so the change is made in a copy.
         made = replace(old, **changed)
@@ -448,3 +442,12 @@ def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
     if made.held and made.start != OPERATING_POINT:
         raise SceneError(f"held of the simulation needs start = '{OPERATING_POINT}'")
     return made
+
+
+def _held(value: object) -> tuple[tuple[str, Expression], ...]:
+    if not isinstance(value, Mapping):
+        raise SceneError("held of the simulation must be a table of nodes and voltages")
+    return tuple(
+        (check_path("node", node), parse(item, f"voltage of node '{node}'"))
+        for node, item in value.items()
+    )

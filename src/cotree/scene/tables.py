@@ -84,10 +84,7 @@ class LookupTable:
             inside = table(dag, Table(self.x, z), at)[0]
             ends = [(z[i + 1] - z[i]) / (self.x[i + 1] - self.x[i]) for i in (0, len(z) - 2)]
         else:
-            # Slopes of monotone cubic pieces, as in SciPy
-            from scipy.interpolate import PchipInterpolator
-
-            slopes = tuple(PchipInterpolator(self.x, z)(self.x, nu=1).tolist())
+            slopes = _monotone_slopes(self.x, z)
             inside = look_up(dag, CubicTable(self.x, z, slopes), [_held(at, self.x)])
             ends = [slopes[0], slopes[-1]]
         if self.beyond == "hold":
@@ -114,6 +111,16 @@ def _held(at: Node, axis: Sequence[float]) -> Node:
     dag = at.dag
     low, high = dag.constant(axis[0]), dag.constant(axis[-1])
     return dag.select(at - low, dag.select(at - high, high, at), low)
+
+
+def _monotone_slopes(x: Sequence[float], z: Sequence[float]) -> tuple[float, ...]:
+    """Return slopes of monotone cubic pieces, as in SciPy.
+
+    F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    return tuple(PchipInterpolator(x, z)(x, nu=1).tolist())
 
 
 def make_lookup(

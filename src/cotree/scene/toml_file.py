@@ -74,6 +74,21 @@ def advice(message: str, text: str) -> str:
 _OF_EDGES = ("type", "nodes", "initial")
 
 
+def _check_keys(name: str, edge: Mapping[str, Any]) -> None:
+    """Raise if a key is a misspelling of ``type``, ``nodes`` or ``initial``."""
+    component = COMPONENTS.get(str(edge.get("type")))
+    own = {row.name for row in component.fields} if component else set()
+    absent = [key for key in _OF_EDGES if key not in edge]
+    for key in edge:
+        if key in _OF_EDGES or key in own:
+            continue
+        close = difflib.get_close_matches(str(key)[:80].lower(), absent, n=1, cutoff=0.74)
+        if close:
+            raise SceneError(
+                f"edge '{name}' has no field '{brief(key)}'; did you mean '{close[0]}'?"
+            )
+
+
 if TYPE_CHECKING:
     #: Function that returns the scene that a part names, and the source of this scene.
     Parts = Callable[[str], tuple[SceneDescription, str]]
@@ -192,18 +207,7 @@ def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
     if not isinstance(edge, dict):
         raise SceneError(f"edge '{name}' must be a table")
     rest = dict(edge)
-    # Raise if a key is a misspelling of `type`, `nodes` or `initial`
-    component = COMPONENTS.get(str(edge.get("type")))
-    own = {row.name for row in component.fields} if component else set()
-    absent = [key for key in _OF_EDGES if key not in edge]
-    for key in edge:
-        if key in _OF_EDGES or key in own:
-            continue
-        close = difflib.get_close_matches(str(key)[:80].lower(), absent, n=1, cutoff=0.74)
-        if close:
-            raise SceneError(
-                f"edge '{name}' has no field '{brief(key)}'; did you mean '{close[0]}'?"
-            )
+    _check_keys(name, edge)
     if "type" not in rest:
         raise SceneError(f"edge '{name}' needs the field 'type'")
     nodes = rest.pop("nodes", [])

@@ -144,15 +144,7 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
     yield from _rows(f"{at}outputs", {name: item.canonical for name, item in _own(scene.outputs)})
     for name, event in _own(scene.events):
         yield from _table(f"{at}events.{name}", _event(event))
-    # Omitted settings will follow the defaults of later versions.
-    usual = Simulation()
-    settings = {
-        key: value
-        for key in OF_SCENES
-        if (value := getattr(scene.defaults, key)) != getattr(usual, key)
-    }
-    if scene.defaults.held:
-        settings["held"] = {node: value.canonical for node, value in scene.defaults.held}
+    settings = _settings(scene.defaults)
     if settings:
         yield from _table(f"{at}simulation", settings)
     if scene.origin is not None:
@@ -230,6 +222,17 @@ def _event(event: Event) -> dict[str, object]:
     return table
 
 
+def _settings(given: Simulation) -> dict[str, object]:
+    # Omitted settings will follow the defaults of later versions.
+    usual = Simulation()
+    table = {
+        key: value for key in OF_SCENES if (value := getattr(given, key)) != getattr(usual, key)
+    }
+    if given.held:
+        table["held"] = {node: value.canonical for node, value in given.held}
+    return table
+
+
 def _rows(name: str, rows: Mapping[str, object]) -> Iterator[str]:
     """Yield a section as text, with its rows in order and one line per row."""
     if rows:
@@ -265,19 +268,22 @@ def _value(value: object) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
     if isinstance(value, Sequence):
-        # A list as text; if it is long, on several lines with one matrix row per line
-        items = [_value(item) for item in value]
-        line = f"[{', '.join(items)}]"
-        # Leave enough columns for a short key.
-        if len(line) <= _WIDEST - 20 and "\n" not in line:
-            return line
-        lines = [""]
-        for item in items:
-            if item.startswith("[") or len(lines[-1]) + len(item) > _WIDEST - 2:
-                lines.append("")
-            lines[-1] += f"{item}, "
-        return "\n".join(["[", *(f"  {row.rstrip()}" for row in lines if row), "]"])
+        return _list([_value(item) for item in value])
     raise SceneError(f"a scene file cannot hold {type(value).__name__}")
+
+
+def _list(items: list[str]) -> str:
+    """Return a list as text; if it is long, on several lines with one matrix row per line."""
+    line = f"[{', '.join(items)}]"
+    # Leave enough columns for a short key.
+    if len(line) <= _WIDEST - 20 and "\n" not in line:
+        return line
+    lines = [""]
+    for item in items:
+        if item.startswith("[") or len(lines[-1]) + len(item) > _WIDEST - 2:
+            lines.append("")
+        lines[-1] += f"{item}, "
+    return "\n".join(["[", *(f"  {row.rstrip()}" for row in lines if row), "]"])
 
 
 def _text(text: str) -> str:

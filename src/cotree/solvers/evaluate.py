@@ -151,16 +151,7 @@ class Evaluator:
         dz = self._call(t, z)
         # The dot product is not finite if an entry is nan or infinite, but it may also overflow.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
-            indices = np.flatnonzero(~np.isfinite(dz))
-            if indices.size:
-                index = int(indices[0])
-                self.not_finite = (
-                    f"the derivative of {describe_entry(self.problem, index)} is {dz[index]} "
-                    f"at t = {float(t):.10g}"
-                )
-                if self.problem.undefined is not None:
-                    why = self.problem.undefined(self.inside(t), z[: self.problem.n_states])
-                    self.not_finite += f" ({why})" if why else ""
+            self._remember(t, z, dz)
         return dz
 
     def inside(self, t: float) -> float:
@@ -262,6 +253,18 @@ class Evaluator:
         # the iteration; if the right-hand side is not finite either, the solver shortens the step.
         self.not_finite = self.not_finite or phrase
         return self._last_jacobian.copy()
+
+    def _remember(self, t: float, z: FloatArray, dz: FloatArray) -> None:
+        indices = np.flatnonzero(~np.isfinite(dz))
+        if indices.size:
+            index = int(indices[0])
+            self.not_finite = (
+                f"the derivative of {describe_entry(self.problem, index)} is {dz[index]} "
+                f"at t = {float(t):.10g}"
+            )
+            if self.problem.undefined is not None:
+                why = self.problem.undefined(self.inside(t), z[: self.problem.n_states])
+                self.not_finite += f" ({why})" if why else ""
 
 
 def _first_not_finite(matrix: Any) -> tuple[int, int]:

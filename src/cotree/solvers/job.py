@@ -248,6 +248,11 @@ _MOST_CROSSINGS = 5
 _OF_TIMES = ("t", "n_breakpoints", "scale", "max_step", "n_wanted")
 
 
+def _times_of(problem: Problem) -> tuple[Any, ...]:
+    t_span, t_eval = problem.settings.t_span, problem.settings.t_eval
+    return t_span, t_eval, problem.breakpoints, problem.scale, problem.max_step
+
+
 class Job:
     """A C job with the arrays that it points to; :meth:`end` must be called.
 
@@ -351,9 +356,7 @@ class Job:
             self._set_array("atols", self._tolerances.of(problem))
         self._set_array("z", problem.z0)
         self.z = self._arrays["z"]
-        t_span, t_eval = problem.settings.t_span, problem.settings.t_eval
-        timed = t_span, t_eval, problem.breakpoints, problem.scale, problem.max_step
-        is_timed = len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
+        is_timed = self._is_timed(problem)
         if not is_timed:
             self._set_times(problem)
         self.rows.begin(problem)
@@ -369,11 +372,18 @@ class Job:
         else:
             memory.fill(0.0)
         if not is_timed:
-            # Store the times of this run for later runs, unless they depend on parameters
-            self._timed = () if len(problem.breakpoints) else timed
-            if self._timed:
-                for name in _OF_TIMES:
-                    setattr(self._blank, name, getattr(self.job, name))
+            self._keep_times(problem)
+
+    def _is_timed(self, problem: Problem) -> bool:
+        timed = _times_of(problem)
+        return len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
+
+    def _keep_times(self, problem: Problem) -> None:
+        """Store the times of this run for later runs, unless they depend on parameters."""
+        self._timed = () if len(problem.breakpoints) else _times_of(problem)
+        if self._timed:
+            for name in _OF_TIMES:
+                setattr(self._blank, name, getattr(self.job, name))
 
     @property
     def n_bytes(self) -> int:

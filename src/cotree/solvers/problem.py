@@ -249,22 +249,7 @@ def describe_entry(problem: Problem, index: int) -> str:
 
 def check_problem(problem: Problem) -> None:
     """Raise SolveError if a size, a breakpoint or an initial value cannot be accepted."""
-    if problem.n_states < 0 or problem.n_sensitivities < 0:
-        raise SolveError("The numbers of states and sensitivities must not be negative.")
-    if np.shape(problem.z0) != (problem.size,):
-        raise SolveError(
-            f"z0 has shape {np.shape(problem.z0)}, but {problem.n_states} states with "
-            f"{problem.n_sensitivities} sensitivities each need shape ({problem.size},)."
-        )
-    if problem.names and len(problem.names) != problem.n_states:
-        raise SolveError(f"{len(problem.names)} names are given for {problem.n_states} states.")
-    if not 0 <= problem.n_algebraic <= problem.n_states:
-        raise SolveError(
-            f"{problem.n_algebraic} of {problem.n_states} states cannot be algebraic unknowns."
-        )
-    # Newton's method for the unknowns uses the last rows and columns of the Jacobian.
-    if problem.n_algebraic and problem.jacobian is None:
-        raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
+    _check_sizes(problem)
     check_values(problem)
 
 
@@ -285,6 +270,25 @@ def check_values(problem: Problem) -> None:
         f"The initial value of {describe_entry(problem, index)} is {problem.z0[index]}; "
         "give a finite number."
     )
+
+
+def _check_sizes(problem: Problem) -> None:
+    if problem.n_states < 0 or problem.n_sensitivities < 0:
+        raise SolveError("The numbers of states and sensitivities must not be negative.")
+    if np.shape(problem.z0) != (problem.size,):
+        raise SolveError(
+            f"z0 has shape {np.shape(problem.z0)}, but {problem.n_states} states with "
+            f"{problem.n_sensitivities} sensitivities each need shape ({problem.size},)."
+        )
+    if problem.names and len(problem.names) != problem.n_states:
+        raise SolveError(f"{len(problem.names)} names are given for {problem.n_states} states.")
+    if not 0 <= problem.n_algebraic <= problem.n_states:
+        raise SolveError(
+            f"{problem.n_algebraic} of {problem.n_states} states cannot be algebraic unknowns."
+        )
+    # Newton's method for the unknowns uses the last rows and columns of the Jacobian.
+    if problem.n_algebraic and problem.jacobian is None:
+        raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
 
 
 def restart_times(problem: Problem) -> FloatArray:

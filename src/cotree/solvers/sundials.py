@@ -67,23 +67,7 @@ def library_path(library: str) -> LibraryPath:
             return LibraryPath(os.path.abspath(named))
         return LibraryPath("", f"{VARIABLE} names '{named}', and there is no such file")
     if library in WITH_SENSITIVITIES:
-        # The path of the module sundials4py, which is itself the library, without an import
-        try:
-            spec = importlib.util.find_spec("sundials4py")
-        except (ImportError, ValueError):
-            spec = None
-        if spec is not None and spec.origin is not None and os.path.isfile(spec.origin):
-            return LibraryPath(spec.origin)
-        version = ".".join(map(str, SUNDIALS_VERSION))
-        least, here = (".".join(map(str, v[:2])) for v in (_LEAST_PYTHON, sys.version_info))
-        install = "run `pip install sundials4py` (the extra cotree[sundials])"
-        if sys.version_info[:2] < _LEAST_PYTHON:
-            install = f"take Python {least} or later, here it is {here}, and {install}"
-        why = (
-            f"it needs SUNDIALS' {library.upper()}: {install}, or name the file of a library of "
-            f"SUNDIALS {version} that has it in the environment variable {VARIABLE}"
-        )
-        return LibraryPath("", why)
+        return _in_sundials4py(library)
     name = f"_cy_{library}"
     try:
         module = importlib.import_module(f"sksundae.{name}")
@@ -129,6 +113,26 @@ def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
     major, minor, patch = (ffi.new("int *") for _ in range(3))
     failed = get_version(major, minor, patch, ffi.new("char[32]"), 32)
     return () if failed else (major[0], minor[0])
+
+
+def _in_sundials4py(library: str) -> LibraryPath:
+    """Return the path of the module sundials4py, which is itself the library, without an import."""
+    try:
+        spec = importlib.util.find_spec("sundials4py")
+    except (ImportError, ValueError):
+        spec = None
+    if spec is not None and spec.origin is not None and os.path.isfile(spec.origin):
+        return LibraryPath(spec.origin)
+    version = ".".join(map(str, SUNDIALS_VERSION))
+    least, here = (".".join(map(str, v[:2])) for v in (_LEAST_PYTHON, sys.version_info))
+    install = "run `pip install sundials4py` (the extra cotree[sundials])"
+    if sys.version_info[:2] < _LEAST_PYTHON:
+        install = f"take Python {least} or later, here it is {here}, and {install}"
+    why = (
+        f"it needs SUNDIALS' {library.upper()}: {install}, or name the file of a library of "
+        f"SUNDIALS {version} that has it in the environment variable {VARIABLE}"
+    )
+    return LibraryPath("", why)
 
 
 # A sparse factorisation is faster than a banded one with more multiplications than this.

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 #: Errors for which methods are recommended.
@@ -178,40 +179,7 @@ class BenchReport(Reported):
 
     def plot(self) -> Any:
         """Plot elapsed time over error, with one curve per method."""
-        # Plot time over errors; open markers are errors below the accuracy of the reference
-        sensitivities, rows, reference = self.sensitivities, self.rows, self.reference
-        panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
-            ("states", lambda row: row.error_states, reference.agreement_states)
-        ]
-        if sensitivities:
-            to = ", ".join(sensitivities[:3]) + (", …" if len(sensitivities) > 3 else "")
-            panels.append(
-                (
-                    f"sensitivities to {to}",
-                    lambda row: row.error_sensitivities,
-                    reference.agreement_sensitivities,
-                )
-            )
-        figure = figure_for_people(1.6 + 4.8 * len(panels), 4.4)
-        axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-        for ax, (what, error, agreement) in zip(axes, panels, strict=True):
-            _draw_methods(ax, rows, error, agreement)
-            ax.set_xscale("log")
-            ax.set_yscale("log")
-            if ax.get_legend_handles_labels()[1] and agreement > 0.0:
-                # Read the axis limits before the grey region extends them.
-                left, right = ax.get_xlim()
-                ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
-                ax.set_xlim(min(left, 0.3 * agreement), right)
-            # Errors decrease to the right, as is usual in work-precision diagrams.
-            ax.invert_xaxis()
-            ax.set_xlabel(f"error of {what}", fontsize=11)
-            draw_grid(ax)
-        axes[0].set_ylabel("seconds of a run", fontsize=11)
-        if axes[-1].get_legend_handles_labels()[1]:
-            axes[-1].legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=9)
-        figure.suptitle(self.scene, fontsize=11)
-        return figure
+        return plot_bench(self)
 
     def _cells(self, row: BenchRow) -> list[str]:
         pair, work = self.reference, row.statistics
@@ -264,6 +232,33 @@ def _advice(tied: tuple[BenchRow, ...], judges_own: bool) -> dict[str, Any] | No
 _MARKERS = "osD^v<>Ph*X"
 
 
+def plot_bench(report: BenchReport) -> Figure:
+    """Plot time over errors; open markers are errors below the accuracy of the reference."""
+    sensitivities, rows, reference = report.sensitivities, report.rows, report.reference
+    panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
+        ("states", lambda row: row.error_states, reference.agreement_states)
+    ]
+    if sensitivities:
+        to = ", ".join(sensitivities[:3]) + (", …" if len(sensitivities) > 3 else "")
+        panels.append(
+            (
+                f"sensitivities to {to}",
+                lambda row: row.error_sensitivities,
+                reference.agreement_sensitivities,
+            )
+        )
+    figure = figure_for_people(1.6 + 4.8 * len(panels), 4.4)
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for ax, (what, error, agreement) in zip(axes, panels, strict=True):
+        _draw_methods(ax, rows, error, agreement)
+        _finish(ax, f"error of {what}", agreement)
+    axes[0].set_ylabel("seconds of a run", fontsize=11)
+    if axes[-1].get_legend_handles_labels()[1]:
+        axes[-1].legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=9)
+    figure.suptitle(report.scene, fontsize=11)
+    return figure
+
+
 def _draw_methods(
     ax: Axes, rows: Sequence[BenchRow], error: Callable[[BenchRow], float], agreement: float
 ) -> None:
@@ -281,3 +276,17 @@ def _draw_methods(
         ax.plot([x for x, _, _ in found], [y for _, y, _ in found], lw=1.4, label=label, **style)
         hidden = [(x, y) for x, y, is_below in found if is_below]
         ax.plot([x for x, _ in hidden], [y for _, y in hidden], ls="none", mfc="white", **style)
+
+
+def _finish(ax: Axes, label: str, agreement: float) -> None:
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    if ax.get_legend_handles_labels()[1] and agreement > 0.0:
+        # Read the axis limits before the grey region extends them.
+        left, right = ax.get_xlim()
+        ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
+        ax.set_xlim(min(left, 0.3 * agreement), right)
+    # Errors decrease to the right, as is usual in work-precision diagrams.
+    ax.invert_xaxis()
+    ax.set_xlabel(label, fontsize=11)
+    draw_grid(ax)

@@ -16,6 +16,8 @@ from cotree.watch import shapes
 from cotree.watch.shapes import BODIES, GROUND, JOINT, Array, Color, Mesh, axes_along
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.first_graph import FirstGraph
     from cotree.watch.frames import Moments
@@ -103,10 +105,7 @@ class Drawing:
         # Two horizontal directions of the grid, and its normal.
         one, two, still = (0, 2, 1) if self.is_flat else (0, 1, 2)
         size = max(float(high[one] - low[one]), float(high[two] - low[two]), 0.5 * own)
-        # Round up to 1, 2 or 5 times a power of ten
-        x = max(0.5 * own, size / 300.0) if is_far else size / 9.0
-        power = 10.0 ** np.floor(np.log10(x))
-        step = float(next(m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= x) * power)
+        step = _round_up(max(0.5 * own, size / 300.0) if is_far else size / 9.0)
         lines = []
         for fixed, free in ((one, two), (two, one)):
             # Lines are at multiples of the step, wherever the motion starts.
@@ -151,11 +150,32 @@ def _dashes(path: Array, length: float) -> Array:
     return points.reshape(n, 2, 3)
 
 
+def _round_up(x: float) -> float:
+    """Round up to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(x))
+    return float(next(m for m in (1.0, 2.0, 5.0, 10.0) if m * power >= x) * power)
+
+
 def _outermost(points: Array) -> Array:
     """Return the outermost points in many directions, which determine bounding boxes."""
     if len(points) <= len(_DIRECTIONS):
         return points
     return np.asarray(points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))])
+
+
+def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -> list[int]:
+    """Assign layers to n clusters, different for clusters that share a joint or constraint."""
+    neighbours: list[set[int]] = [set() for _ in range(n)]
+    for edge in edges:
+        if edge.component.role in (Role.JOINT, Role.CONSTRAINT):
+            a, b = (places[name].cluster for name in (edge.first, edge.second))
+            neighbours[max(a, b)].add(min(a, b))
+    layers = [0] * n
+    # Greedy colouring; the ground has no layer.
+    for cluster in range(1, n):
+        taken = {layers[other] for other in neighbours[cluster] if other}
+        layers[cluster] = next(i for i in range(n) if i not in taken)
+    return layers
 
 
 class DrawingBuilder:
@@ -174,20 +194,7 @@ class DrawingBuilder:
         self.solids: list[Solid] = []
         self.struts: list[Strut] = []
         self.labels: list[Label] = []
-        # Assign layers to n clusters, different for clusters that share a joint or constraint
-        edges = first.system.edges.values()
-        n = len(self.poses.positions)
-        neighbours: list[set[int]] = [set() for _ in range(n)]
-        for edge in edges:
-            if edge.component.role in (Role.JOINT, Role.CONSTRAINT):
-                a, b = (self.places[name].cluster for name in (edge.first, edge.second))
-                neighbours[max(a, b)].add(min(a, b))
-        layers = [0] * n
-        # Greedy colouring; the ground has no layer.
-        for cluster in range(1, n):
-            taken = {layers[other] for other in neighbours[cluster] if other}
-            layers[cluster] = next(i for i in range(n) if i not in taken)
-        self.layer = layers
+        self.layer = layers_of(first.system.edges.values(), self.places, len(self.poses.positions))
         # Layers are slightly thicker than a plate, so that plates do not touch.
         self.pitch = 1.1 * self.w if stage.is_flat else 0.0
         self.with_visuals = with_visuals

@@ -119,17 +119,7 @@ def coordinates_at(
     h = t[left + 1] - t[left]
     # The points before and after an event have equal times: take the end of this empty interval.
     part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
-    # Interpolate values, rates and accelerations at both ends, at fractions x of steps h
-    (q0, v0, a0), (q1, v1, a1) = first, last
-    # Deviations from the Taylor polynomial about the first end, each times a power of h.
-    rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
-    slope = h * (v1 - v0 - h * a0)
-    bend = h**2 * (a1 - a0)
-    cubic = 10.0 * rest - 4.0 * slope + 0.5 * bend
-    quartic = -15.0 * rest + 7.0 * slope - bend
-    quintic = 6.0 * rest - 3.0 * slope + 0.5 * bend
-    taylor = q0 + part * h * (v0 + 0.5 * part * h * a0)
-    found = np.asarray(taylor + part**3 * (cubic + part * (quartic + part * quintic)))
+    found = _hermite(part, h, first, last)
     for rows in _quaternions(system):
         # Interpolation errors change the norm of quaternions.
         found[rows] /= np.linalg.norm(found[rows], axis=0)
@@ -197,3 +187,17 @@ def _quaternions(system: System) -> Iterator[slice]:
             if isinstance(step.kind, FreeRotation):
                 yield slice(row, row + 4)
             row += len(step.coordinates)
+
+
+def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
+    """Interpolate values, rates and accelerations at both ends, at fractions x of steps h."""
+    (q0, v0, a0), (q1, v1, a1) = first, last
+    # Deviations from the Taylor polynomial about the first end, each times a power of h.
+    rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
+    slope = h * (v1 - v0 - h * a0)
+    bend = h**2 * (a1 - a0)
+    cubic = 10.0 * rest - 4.0 * slope + 0.5 * bend
+    quartic = -15.0 * rest + 7.0 * slope - bend
+    quintic = 6.0 * rest - 3.0 * slope + 0.5 * bend
+    taylor = q0 + x * h * (v0 + 0.5 * x * h * a0)
+    return np.asarray(taylor + x**3 * (cubic + x * (quartic + x * quintic)))

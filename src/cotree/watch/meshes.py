@@ -107,15 +107,19 @@ def read_mesh(path: Path) -> Mesh:
             mesh = _read_other(data, suffix)
     except (ValueError, IndexError, OverflowError) as error:
         raise MeshError(f"'{path.name}' is not a mesh: {str(error)[:80]}") from None
+    return _checked(mesh, path.name)
+
+
+def _checked(mesh: Mesh, name: str) -> Mesh:
     points, faces = mesh.points, mesh.faces
     if not len(faces):
-        raise MeshError(f"'{path.name}' has no triangles")
+        raise MeshError(f"'{name}' has no triangles")
     if len(faces) > _MOST_FACES:
-        raise MeshError(f"'{path.name}' has more than {_MOST_FACES} triangles")
+        raise MeshError(f"'{name}' has more than {_MOST_FACES} triangles")
     if faces.min() < 0 or faces.max() >= len(points):
-        raise MeshError(f"'{path.name}' names corners that it does not have")
+        raise MeshError(f"'{name}' names corners that it does not have")
     if not np.isfinite(points).all() or np.abs(points).max() > _LARGEST_LENGTH:
-        raise MeshError(f"'{path.name}' has corners that are not finite or too large")
+        raise MeshError(f"'{name}' has corners that are not finite or too large")
     # STL repeats a corner in each of its triangles, so merge equal corners.
     corners, place = np.unique(points, axis=0, return_inverse=True)
     return Mesh(corners, place.reshape(-1)[faces])

@@ -115,32 +115,11 @@ class Painter:
         points = np.concatenate(list(self._points(frame)))
         places, nearness = self.camera.project(points, frame)
         pixels = self._pixels(places)
-        # The brightness of each face, shape (n_faces, 1); both sides are visible
-        a, b, c = (points[self._faces[:, i]] for i in range(3))
-        normals = np.cross(b - a, c - a)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        own = normals @ self.camera.axes
-        # If the normal of a face points away from the viewer, its back is visible.
-        own *= np.where(own[:, 2:] < 0.0, -1.0, 1.0)
-        lit = np.clip(own @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
-        shades = np.asarray((0.62 + 0.38 * lit)[:, None])
+        shades = self._shades(points)
         covered, shown = _visible(pixels, nearness, self._faces, width, height)
         canvas[covered] = (self._colors * shades)[shown].astype(np.uint8)
         image = Image.fromarray(canvas.reshape(height, width, 3)).reduce(_FINER)
-        draw = ImageDraw.Draw(image)
-        from PIL import ImageFont
-
-        font = ImageFont.load_default(13)
-        times = self.drawing.frames.times
-        text = f"t = {times[frame]:.{decimals(times)}f} s"
-        draw.text((10, 8), text, fill=_INK, font=font)
-        draw.text(
-            (self.size[0] - 10, 8), self.drawing.title[:60], fill=_INK, font=font, anchor="ra"
-        )
-        if self.drawing.note:
-            draw.text(
-                (10, self.size[1] - 24), self.drawing.note[:90], fill=(190, 60, 60), font=font
-            )
+        self._write(ImageDraw.Draw(image), frame)
         return image
 
     def _pixels(self, places: Array) -> Array:
@@ -156,6 +135,32 @@ class Painter:
             )
         for strut in self.drawing.struts:
             yield strut_points(strut, poses, frame)
+
+    def _shades(self, points: Array) -> Array:
+        """Return the brightness of each face, shape (n_faces, 1); both sides are visible."""
+        a, b, c = (points[self._faces[:, i]] for i in range(3))
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        own = normals @ self.camera.axes
+        # If the normal of a face points away from the viewer, its back is visible.
+        own *= np.where(own[:, 2:] < 0.0, -1.0, 1.0)
+        lit = np.clip(own @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
+        return np.asarray((0.62 + 0.38 * lit)[:, None])
+
+    def _write(self, draw: Any, frame: int) -> None:
+        from PIL import ImageFont
+
+        font = ImageFont.load_default(13)
+        times = self.drawing.frames.times
+        text = f"t = {times[frame]:.{decimals(times)}f} s"
+        draw.text((10, 8), text, fill=_INK, font=font)
+        draw.text(
+            (self.size[0] - 10, 8), self.drawing.title[:60], fill=_INK, font=font, anchor="ra"
+        )
+        if self.drawing.note:
+            draw.text(
+                (10, self.size[1] - 24), self.drawing.note[:90], fill=(190, 60, 60), font=font
+            )
 
 
 def decimals(times: Array) -> int:

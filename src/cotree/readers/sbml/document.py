@@ -301,12 +301,7 @@ class _Reader:
         id = e.getId() or f"event_{number}"
         whose = f"event '{brief(id)}'"
         trigger = self._formula(e.getTrigger(), f"trigger of {whose}")
-        delay = e.getDelay()
-        if delay is not None and delay.isSetMath() and _number_of(delay) != 0.0:
-            raise self.at(delay).error(
-                f"{whose} has a delay, which is not supported: let the event store the time in a "
-                "parameter, and add a second event that is triggered when the delay has passed"
-            )
+        self._check_delay(e, whose)
         is_level_3 = self.document.getLevel() >= 3
         begins = e.getTrigger().getInitialValue() if is_level_3 else True
         persists = e.getTrigger().getPersistent() if is_level_3 else True
@@ -317,6 +312,14 @@ class _Reader:
         priority, uses_old = self._priority(e, whose), e.getUseValuesFromTriggerTime()
         event = SbmlEvent(id, trigger, sets, begins, priority, persists, uses_old)
         self.content.events.append(event)
+
+    def _check_delay(self, e: Any, whose: str) -> None:
+        delay = e.getDelay()
+        if delay is not None and delay.isSetMath() and _number_of(delay) != 0.0:
+            raise self.at(delay).error(
+                f"{whose} has a delay, which is not supported: let the event store the time in a "
+                "parameter, and add a second event that is triggered when the delay has passed"
+            )
 
     def _priority(self, e: Any, whose: str) -> float:
         priority = e.getPriority()

@@ -82,14 +82,7 @@ def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[lis
 
 def _split(group: list[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
     """Return events of one trigger as one group, or separately if later ones use changed values."""
-    # Raise an error if events of one trigger set the same quantity in an undefined order
-    for first, second in combinations((row.event for row in group), 2):
-        both = sorted(first.sets.keys() & second.sets.keys())
-        if both and first.priority == second.priority:
-            raise second.trigger.at.error(
-                f"events '{brief(first.id)}' and '{brief(second.id)}' both set '{brief(both[0])}' "
-                "at the same time: give them different priorities"
-            )
+    _check_order(group)
     changed: set[str] = set()
     is_in_turn = False
     for row in group:
@@ -106,6 +99,17 @@ def _split(group: list[Triggered], dependencies: Dependencies) -> list[list[Trig
         return [group]
     _check_in_turn(group, dependencies)
     return [[row] for row in group]
+
+
+def _check_order(group: Sequence[Triggered]) -> None:
+    """Raise an error if events of one trigger set the same quantity in an undefined order."""
+    for first, second in combinations((row.event for row in group), 2):
+        both = sorted(first.sets.keys() & second.sets.keys())
+        if both and first.priority == second.priority:
+            raise second.trigger.at.error(
+                f"events '{brief(first.id)}' and '{brief(second.id)}' both set '{brief(both[0])}' "
+                "at the same time: give them different priorities"
+            )
 
 
 def _check_in_turn(group: list[Triggered], dependencies: Dependencies) -> None:

@@ -239,16 +239,7 @@ class FormulaReader:
             # A Boolean counts as 1 or 0 if a number is expected.
             return self.make.form("where(a, 1, 0)", self._condition_of(kind, node))
         if kind in ("PLUS", "TIMES"):
-            # The operands of a sum or product, including those of nested sums or products.
-            # Some tools write a sum of hundreds of terms as nested sums of two terms.
-            found, waiting = [], [node]
-            while waiting:
-                own = waiting.pop()
-                if own is not None and kind_of(own) == kind and own.getNumChildren():
-                    waiting += reversed(children(own))
-                else:
-                    found.append(own)
-            parts = found if found != [node] else []
+            parts = _chain(node, kind)
         terms = [self._value(part) for part in parts]
         function = kind.removeprefix("FUNCTION_")
         if function in ("PLUS", "TIMES") and not terms:
@@ -340,6 +331,19 @@ def _combined(operator: type[ast.boolop], conditions: Sequence[Term]) -> Term:
         return conditions[0]
     tree = ast.BoolOp(operator(), [c.tree for c in conditions])
     return Term(tree, sum(c.size for c in conditions), 1 + max(c.height for c in conditions))
+
+
+def _chain(node: Any, kind: str) -> list[Any]:
+    """Return the operands of a sum or product, including those of nested sums or products."""
+    # Some tools write a sum of hundreds of terms as nested sums of two terms.
+    found, waiting = [], [node]
+    while waiting:
+        own = waiting.pop()
+        if own is not None and kind_of(own) == kind and own.getNumChildren():
+            waiting += reversed(children(own))
+        else:
+            found.append(own)
+    return found if found != [node] else []
 
 
 def _shown(kind: str, node: Any) -> str:

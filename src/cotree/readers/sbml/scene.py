@@ -341,12 +341,7 @@ class SceneWriter(Generic[_Scene]):
         """Declare a group of events as a single event; later assignments take precedence."""
         first = group[0]
         for id, formula in (pair for row in group for pair in row.event.sets.items()):
-            # Raise an error if an event sets a constant or a quantity with an assignment rule
-            role = self.roles.of[id]
-            if self.content.quantities[id].is_constant or not (role.is_state or role is Role.MODE):
-                raise formula.at.error(
-                    f"the {formula.what} sets a constant, or a quantity that a rule determines"
-                )
+            self._check_target(id, formula)
         texts = [
             {id: self._text(formula, self.running) for id, formula in row.event.sets.items()}
             for row in group
@@ -359,6 +354,14 @@ class SceneWriter(Generic[_Scene]):
         with located(first.event.trigger.at):
             crossing = first.crossing
             self.scene.event(own, crossing.text, direction=crossing.direction, set=values)
+
+    def _check_target(self, id: str, formula: Formula) -> None:
+        """Raise an error if an event sets a constant or a quantity with an assignment rule."""
+        role = self.roles.of[id]
+        if self.content.quantities[id].is_constant or not (role.is_state or role is Role.MODE):
+            raise formula.at.error(
+                f"the {formula.what} sets a constant, or a quantity that a rule determines"
+            )
 
     def _symbols(self) -> dict[str, SbmlSymbol]:
         found = {r.id: SbmlSymbol("reaction", self.names[r.id]) for r in self.content.reactions}

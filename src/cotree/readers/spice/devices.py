@@ -499,18 +499,22 @@ def _controlled(place: Instance, line: Line) -> None:
     elif line.key[0] in "eg" and has_law(line):
         add_law(place, line)
     elif line.key[0] in "eg":
-        words, _ = _parts(line, set(), range(5, 6))
-        type, field, unit = (
-            ("vcvs", "gain", "1") if line.key[0] == "e" else ("vccs", "transconductance", "S")
-        )
-        nodes = [place.node(word) for word in words[:4]]
-        factor = place.principal(line, words[4], unit)
-        if line.key[0] == "g":
-            factor = scaled(factor, place.count)
-        ports = {"output": nodes[:2], "control": nodes[2:]}
-        place.add(line.words[0], type, (), {**ports, field: factor})
+        _by_voltage(place, line)
     else:
         _by_current(place, line)
+
+
+def _by_voltage(place: Instance, line: Line) -> None:
+    words, _ = _parts(line, set(), range(5, 6))
+    type, field, unit = (
+        ("vcvs", "gain", "1") if line.key[0] == "e" else ("vccs", "transconductance", "S")
+    )
+    nodes = [place.node(word) for word in words[:4]]
+    factor = place.principal(line, words[4], unit)
+    if line.key[0] == "g":
+        factor = scaled(factor, place.count)
+    ports = {"output": nodes[:2], "control": nodes[2:]}
+    place.add(line.words[0], type, (), {**ports, field: factor})
 
 
 def _by_current(place: Instance, line: Line) -> None:

@@ -185,22 +185,25 @@ class Instance:
         if place is None:
             raise line.at.error(f"there is no .model '{brief(name)}'")
         # The model is read where it is defined, so that all its elements share its parameters.
-        if key not in place._models:
-            card = place.circuit.models[key]
-
-            def own(parameter: str, word: str, unit: str) -> Value:
-                value = place.scope.value(word, card.at)
-                # A zero removes a term from the laws, so it does not become a parameter.
-                if not parameter or parameter == "level" or value == 0.0:
-                    return value
-                label = place.label(f"{card.name}_{parameter}")
-                return place.sheet.own_parameter(label, value, card.at, unit)
-
-            place._models[key] = read_model(card, own)
-        found = place._models[key]
+        found = place._read(key)
         if found.letter != letter:
             raise line.at.error(f"model '{brief(name)}' is not for elements {letter.upper()}")
         return found
+
+    def _read(self, name: str) -> DeviceModel:
+        if name not in self._models:
+            card = self.circuit.models[name]
+
+            def own(parameter: str, word: str, unit: str) -> Value:
+                value = self.scope.value(word, card.at)
+                # A zero removes a term from the laws, so it does not become a parameter.
+                if not parameter or parameter == "level" or value == 0.0:
+                    return value
+                label = self.label(f"{card.name}_{parameter}")
+                return self.sheet.own_parameter(label, value, card.at, unit)
+
+            self._models[name] = read_model(card, own)
+        return self._models[name]
 
     def node(self, word: str) -> str:
         """Return the node in the scene for a name in this instance."""

@@ -87,6 +87,15 @@ def read_number(word: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def number_text(word: str) -> str:
+    """Convert a number with a suffix to a text without suffix."""
+    check_point(word)
+    value = read_number(word)
+    if value is None:
+        raise ExpressionError(f"holds '{brief(word)}', which is not a finite number")
+    return repr(value)
+
+
 def check_point(word: str) -> None:
     """Raise an error for a suffix instead of the decimal point, on which simulators disagree."""
     match = _PRINTED.match(word)
@@ -153,14 +162,7 @@ class Scope:
 
     def value(self, word: str, at: SourceLine) -> Value:
         """Return the value of a number, a parameter name, or an expression in braces or quotes."""
-        # Add a note if a number has the letter a, on which simulators disagree: ampere or atto
-        for match in _ATTO.finditer(word):
-            is_ampere = _is_ampere(match[1])
-            meaning = "in amperes" if is_ampere else "1e-18 of its unit"
-            self.remark(
-                f"{at}: '{brief(match[0])}' is taken as {meaning}; some simulators take the "
-                "letter a for 1e-18 everywhere, some nowhere: write the power of ten"
-            )
+        self._check_unit(word, at)
         number = read_number(word)
         if number is not None:
             return number
@@ -170,6 +172,16 @@ class Scope:
             return self._expression(body)
         except ExpressionError as error:
             raise at.error(f"'{brief(word)}' {error}") from None
+
+    def _check_unit(self, word: str, at: SourceLine) -> None:
+        """Add a note if a number has the letter a, on which simulators disagree: ampere or atto."""
+        for match in _ATTO.finditer(word):
+            is_ampere = _is_ampere(match[1])
+            meaning = "in amperes" if is_ampere else "1e-18 of its unit"
+            self.remark(
+                f"{at}: '{brief(match[0])}' is taken as {meaning}; some simulators take the "
+                "letter a for 1e-18 everywhere, some nowhere: write the power of ten"
+            )
 
     def _expression(self, body: str) -> Value:
         text = SpiceFormula(self).text(body)
@@ -212,12 +224,7 @@ class SpiceFormula(Rewriter):
     def _spelt(self, match: re.Match[str]) -> str:
         word = match[0].strip()
         if match["number"]:
-            # Convert a number with a suffix to a text without suffix
-            check_point(word)
-            value = read_number(word)
-            if value is None:
-                raise ExpressionError(f"holds '{brief(word)}', which is not a finite number")
-            return repr(value)
+            return number_text(word)
         if match["sign"]:
             if word in ("==", "!="):
                 raise ExpressionError(f"compares by '{word}': compare by < <= > >=")

@@ -15,6 +15,7 @@ from cotree.files import read_text
 from cotree.readers.names import LARGEST_FILE, Namer, renaming_notes, scene_name
 from cotree.readers.urdf.robot import (
     MOMENTS,
+    Inertial,
     Joint,
     Pose,
     Robot,
@@ -239,6 +240,9 @@ class _SceneWriter(Generic[_Scene]):
         if inertial.mass == 0.0 and not any(inertial.moments):
             self.empty.append(f"'{link.name}'")
             return
+        self._add_inertia(node, inertial)
+
+    def _add_inertia(self, node: str, inertial: Inertial) -> None:
         # The arm leads to the centre of mass and to the axes of the inertial frame.
         centre = self.namer.own(f"{node}_com")
         vector = [
