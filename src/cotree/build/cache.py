@@ -163,6 +163,9 @@ def cached(of: object, make: Callable[[], _T]) -> _T:
             return found
     made = make()
     data = pickled(made)
+    if data is not None:
+        # All processes continue from the same value, without what was left out of the pickle.
+        made = pickle.loads(data)
     with contextlib.suppress(BuildError, OSError):
         if data is not None:
             with private_directory() as directory:

@@ -12,8 +12,9 @@ are substituted later.
 
 from __future__ import annotations
 
-import copyreg
+import io
 import math
+import pickle
 from contextlib import contextmanager
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -161,6 +162,14 @@ class Dag:
             node = self._interned[key] = Node(self, op, args, data, None)
         return node
 
+    @staticmethod
+    def key(node: Node) -> Any:
+        """Return the key under which a node is interned."""
+        if not node.args and node.op in ("constant", "symbol"):
+            return node.data if node.value is None else node.value
+        key = (node.op, *[arg.index for arg in node.args])
+        return key if node.op in ("add", "sub", "mul") else (*key, node.data)
+
     def add(self, a: Node, b: Node) -> Node:
         """Form a + b."""
         if a is self.zero:
@@ -259,7 +268,11 @@ class Dag:
             return self.neg(self.mul(self.constant(-factor), b))
         if b.op == "mul" and b.args[0].value is not None:
             return self.mul(self.constant(factor * b.args[0].value), b.args[1])
-        return self._intern("mul", (a, b))
+        key = ("mul", a.index, b.index)
+        node = self._interned.get(key)
+        if node is None:
+            node = self._interned[key] = Node(self, "mul", (a, b), None, None)
+        return node
 
     def div(self, a: Node, b: Node) -> Node:
         """Form a / b."""
@@ -528,44 +541,72 @@ def kinds_in(roots: Iterable[Node]) -> set[str]:
     return {symbol.data[0] for symbol in symbols_in(roots)}
 
 
-# A node is pickled as its index and a graph as a flat list, because recursive pickling of a deep
-# graph would exceed Python's stack limit.
-def _node_at(dag: Dag, index: int) -> Node:
-    return dag.nodes[index]
+class _Writer(pickle.Pickler):
+    """Pickler that writes nodes as indices, and collects them."""
+
+    def __init__(self, file: io.BytesIO) -> None:
+        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        self.found: dict[Node, None] = {}
+
+    def persistent_id(self, value: Any) -> int | None:
+        if value.__class__ is Node:
+            self.found[value] = None
+            return value.index
+        return -1 if value.__class__ is Dag else None
 
 
-def _reduced_node(node: Node) -> tuple[Any, ...]:
-    return _node_at, (node.dag, node.index)
+class _Reader(pickle.Unpickler):
+    """Unpickler that creates nodes without content, which their rows then fill."""
+
+    def __init__(self, file: io.BytesIO) -> None:
+        super().__init__(file)
+        self.dag, self.found = Dag(), dict[int, Node]()
+        self.dag.nodes.clear()
+        self.dag._interned.clear()
+
+    def persistent_load(self, index: int) -> Any:
+        if index < 0:
+            return self.dag
+        if index not in self.found:
+            # Every graph begins with the constants zero and one, which are also attributes.
+            first = (self.dag.zero, self.dag.one)
+            self.found[index] = first[index] if index < 2 else Node.__new__(Node)
+        return self.found[index]
 
 
-def _reduced_dag(dag: Dag) -> tuple[Any, ...]:
-    rows = [
-        (node.op, tuple(arg.index for arg in node.args), node.data, node.value, node.section)
-        for node in dag.nodes
-    ]
-    origins = {node.index: origin for node, origin in dag.origins.items()}
-    # Keys of interned nodes have the order of the nodes, so keys and rows correspond.
-    return _dag_of, (rows, list(dag._interned), origins)
+def pickled_graph(value: Any, dag: Dag) -> bytes:
+    """Pickle a value whose nodes belong to ``dag``, with only those nodes that it needs.
+
+    Nodes keep their order. They are written as rows, because recursive pickling of a deep graph
+    would exceed Python's stack limit.
+    """
+    file = io.BytesIO()
+    writer, rows = _Writer(file), dict[Node, tuple[Any, ...]]()
+    writer.dump(value)
+    writer.found |= {dag.zero: None, dag.one: None}
+    # Data of nodes may contain further nodes, as those of maps do.
+    while fresh := [node for node in reachable(writer.found) if node not in rows]:
+        for node in fresh:
+            args = tuple([arg.index for arg in node.args])
+            rows[node] = (node.index, node.op, args, node.value, node.section, node.data)
+        writer.dump([rows[node] for node in fresh])
+    writer.dump(None)
+    writer.dump({node.index: text for node, text in dag.origins.items() if node in rows})
+    return file.getvalue()
 
 
-def _dag_of(rows: list[tuple[Any, ...]], keys: list[Any], origins: dict[int, str]) -> Dag:
-    dag = Dag()
-    zero, one = dag.zero, dag.one
-    dag.nodes.clear()
-    dag._interned.clear()
-    for (op, args, data, value, section), key in zip(rows, keys, strict=True):
-        # Every graph begins with the constants zero and one, which are also attributes.
-        if value in (0.0, 1.0):
-            node = one if value else zero
-            node.index = len(dag.nodes)
-            dag.nodes.append(node)
-        else:
-            node = Node(dag, op, tuple(dag.nodes[arg] for arg in args), data, value)
-        node.section = section
-        dag._interned[key] = node
-    dag.origins = {dag.nodes[index]: origin for index, origin in origins.items()}
-    return dag
-
-
-copyreg.pickle(Node, _reduced_node)
-copyreg.pickle(Dag, _reduced_dag)
+def unpickled_graph(data: bytes) -> Any:
+    """Return the value of :func:`pickled_graph`; its nodes belong to a new graph."""
+    reader = _Reader(io.BytesIO(data))
+    value, dag = reader.load(), reader.dag
+    while (rows := reader.load()) is not None:
+        for index, op, args, number, section, own in rows:
+            node = reader.persistent_load(index)
+            node.dag, node.op, node.value, node.section, node.data = dag, op, number, section, own
+            node.args = tuple(map(reader.persistent_load, args))
+    for i, (_, node) in enumerate(sorted(reader.found.items())):
+        node.index = i
+        dag.nodes.append(node)
+        dag._interned[dag.key(node)] = node
+    dag.origins = {reader.found[index]: origin for index, origin in reader.load().items()}
+    return value

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import cotree.dag.nodes  # noqa: F401 - registers how graphs are pickled
 from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import ARGUMENT_OF, PIECE, TIME, kinds_in, reachable, symbols_in
+from cotree.dag.nodes import (
+    ARGUMENT_OF,
+    PIECE,
+    TIME,
+    kinds_in,
+    pickled_graph,
+    reachable,
+    symbols_in,
+    unpickled_graph,
+)
 from cotree.dag.restart_times import RestartTimes
 from cotree.dag.switching_times import TimeEvent, longest_step
 from cotree.errors import SolveError
@@ -71,6 +79,10 @@ class Program:
     #: Upper bounds of the step size by input name; they apply unless a run replaces the input. The
     #: empty name stands for all other parts of the rates.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        own = tuple(getattr(self, row.name) for row in fields(self))
+        return _program_of, (pickled_graph(own, self.dag),)
 
     def restart_times(
         self,
@@ -187,6 +199,10 @@ class Program:
             n_left = len(self.layout.sensitivity_rows)
             lines.append(f"sensitivities: {n_left} of {n_all} are integrated, the others are zero")
         return "\n".join(lines)
+
+
+def _program_of(data: bytes) -> Program:
+    return Program(*unpickled_graph(data))
 
 
 def _parameters(roots: Iterable[Node | None], p: Sequence[float]) -> dict[Node, float]:

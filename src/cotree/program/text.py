@@ -6,6 +6,7 @@ import pickle
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
+from cotree.quiet import without_collection
 from cotree.sharing import locked_cached_property
 
 if TYPE_CHECKING:
@@ -61,7 +62,8 @@ class ModelText:
     def program(self) -> Program:
         """The program after its passes."""
         if isinstance(self.stored, bytes):
-            program: Program = pickle.loads(self.stored)
+            with without_collection():
+                program: Program = pickle.loads(self.stored)
             return program
         return self.stored
 
