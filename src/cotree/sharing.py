@@ -6,6 +6,7 @@ Only one thread at a time may form derivatives, since the arena numbers their no
 from __future__ import annotations
 
 import functools
+import os
 import threading
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar
@@ -32,6 +33,24 @@ def locked_cache(make: Callable[_P, _T]) -> Callable[_P, _T]:
 
     call.cache_clear = found.cache_clear  # type: ignore[attr-defined]
     return call
+
+
+def usable_cores() -> int:
+    """Count the cores that this process may use.
+
+    Affinity and, on Linux, the control group of a container limit the number, rounded down.
+    """
+    try:
+        cores = len(os.sched_getaffinity(0))
+    except AttributeError:  # operating systems without processor affinities
+        cores = os.cpu_count() or 1
+    try:
+        with open("/sys/fs/cgroup/cpu.max") as file:
+            quota, period = file.read().split()
+        cores = min(cores, max(1, int(quota) // int(period)))
+    except (OSError, ValueError):  # cgroup files contain "max" if there is no limit
+        pass
+    return max(1, cores)
 
 
 class RecentCache(Generic[_T]):

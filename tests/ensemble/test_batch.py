@@ -9,11 +9,12 @@ import pytest
 from batches import assert_same, rows_of
 
 import cotree
-from cotree.ensemble.batch import run_block, usable_cores
+from cotree.ensemble.batch import run_block
 from cotree.ensemble.pattern import find_pattern
 from cotree.ensemble.plan import Plan as PlanOfMembers
 from cotree.ensemble.trial import run_one_by_one
 from cotree.scene.settings import Settings
+from cotree.sharing import usable_cores
 from cotree.solvers.engine import load_engine
 from cotree.solvers.native import engine_of
 

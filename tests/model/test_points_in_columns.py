@@ -91,3 +91,58 @@ def test_errors_name_the_column():
         model.rhs(0.0, y[:3])
     with pytest.raises(ParameterError, match=r"the states must be an array of shape \(4,\)"):
         model.kernels.jacobian_sparse(0.0, y)
+
+
+CALLS = {
+    "rhs": "rhs",
+    "jacobian": "jacobian",
+    "outputs": "output_values",
+    "sensitivity_rhs": "sensitivity_rhs",
+    "output_sensitivity": "output_sensitivity",
+}
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("share", ["all", "none"])
+def test_lanes_have_the_values_of_single_points(model, share, monkeypatch):
+    monkeypatch.setattr(columns, "_MANY", 8)
+    rng, n, m = np.random.default_rng(4), len(model.states), 83
+    y = model.initial_state[:, None] + 0.01 * rng.normal(size=(n, m))
+    s = rng.normal(size=(n, len(model.sensitivities), m))
+    s *= model.kernels.structure.sensitivity_pattern[..., None]
+    p, u = model.default_parameters, None
+    if share == "none":
+        p = p[:, None] * (1.0 + 0.01 * rng.random((len(p), m)))
+        u = rng.normal(size=(len(model.inputs), m))
+    t = 0.01 * np.arange(m)
+    for kernel, name in CALLS.items():
+        call = getattr(model, name)
+        slopes = {"s": s} if "sensitivity" in name else {}
+        together = call(t, y, p=p, u=u, **slopes)
+        for j in (0, 7, 8, 60, 82):
+            own = {key: value[..., j] for key, value in slopes.items()}
+            own |= {"p": p[..., j], "u": u[:, j]} if share == "none" else {"p": p}
+            alone = call(t[j], y[:, j], **own)
+            # Sines and fused sums differ in their last digit, which sums of large terms keep.
+            size = max(1.0, np.max(np.abs(alone), initial=0.0))
+            np.testing.assert_allclose(together[..., j], alone, rtol=1e-12, atol=1e-13 * size)
+        # Bits depend neither on the lane nor on the threads.
+        monkeypatch.setattr(columns, "_FIRST", 16)
+        monkeypatch.setattr(columns, "_WORTH", 1e-12)
+        few = {key: value[..., 5:29] for key, value in slopes.items()}
+        few |= {"p": p[..., 5:29], "u": u[:, 5:29]} if share == "none" else {"p": p}
+        assert np.array_equal(call(t, y, p=p, u=u, **slopes), together)
+        assert np.array_equal(call(t[5:29], y[:, 5:29], **few), together[..., 5:29])
+        has_solve = any(row.op == "solve" for row in model.kernels.program.kernels[kernel].order)
+        assert (model.kernels.code.in_lanes(kernel) is None) == has_solve
+
+
+@pytest.mark.compiler
+def test_lanes_stop_at_the_column_that_a_guard_rejects(monkeypatch):
+    monkeypatch.setattr(columns, "_MANY", 8)
+    model = load("slider-pendulum").compile()
+    y = np.tile(model.initial_state[:, None], (1, 40))
+    p = np.tile(model.default_parameters[:, None], (1, 40))
+    p[model.parameters.index("m1"), 21] = -1.0
+    with pytest.raises(ParameterError, match="column 21: "):
+        model.rhs(0.0, y, p)

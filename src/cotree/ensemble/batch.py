@@ -12,7 +12,6 @@ Members whose outcome is ``COTREE_MEMBER_LEFT`` are then run one at a time from 
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 import weakref
@@ -39,7 +38,7 @@ from cotree.errors import BuildError, Error
 from cotree.model.arrays import CObjects
 from cotree.model.kernels import build_engine, shared_code
 from cotree.quiet import without_warnings
-from cotree.sharing import locked_cache
+from cotree.sharing import locked_cache, usable_cores
 from cotree.solvers.prepare import prepared
 from cotree.solvers.problem import refusal
 from cotree.solvers.result import BUDGET_SPENT, Drift, FloatArray, Statistics, Trajectory
@@ -451,24 +450,6 @@ def run_block(
     if members.requeue_rejected():
         _drive(workers, members, stop)
     return members.block(workers)
-
-
-def usable_cores() -> int:
-    """Count the cores that this process may use.
-
-    Affinity and, on Linux, the control group of a container limit the number, rounded down.
-    """
-    try:
-        cores = len(os.sched_getaffinity(0))
-    except AttributeError:  # operating systems without processor affinities
-        cores = os.cpu_count() or 1
-    try:
-        with open("/sys/fs/cgroup/cpu.max") as file:
-            quota, period = file.read().split()
-        cores = min(cores, max(1, int(quota) // int(period)))
-    except (OSError, ValueError):  # cgroup files contain "max" if there is no limit
-        pass
-    return max(1, cores)
 
 
 def pattern_of(plan: Plan) -> Pattern | NotBatchable:

@@ -6,7 +6,6 @@ uses it. If members cannot use lanes, a sentence states the reason.
 
 from __future__ import annotations
 
-import platform
 import threading
 import weakref
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from cotree.codegen.lanes import (
     Lanes,
     lanes_context,
     lanes_declarations,
+    lanes_of,
     lanes_refusal,
     render_lanes,
 )
@@ -231,9 +231,6 @@ _loaded: weakref.WeakKeyDictionary[CompiledModel, dict[tuple[Any, ...], LoadedLa
 )
 _building = threading.Lock()
 
-# Two interleaved vectors are faster if all members of one integrate at most this many numbers.
-_FEW = 48
-
 #: Permitted numbers of members per vector; 1 disables vectors.
 WIDTHS = (1, 2, 4, 8, 16)
 
@@ -301,24 +298,6 @@ def _key(pattern: Pattern) -> tuple[str, Lanes, bool]:
     return pattern.row.name, lanes, pattern.problem.n_sensitivities > 0
 
 
-def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int = 64) -> Lanes:
-    """Choose width and number of vectors for a processor with the given features."""
-    machine, own = platform.machine().lower(), set(features)
-    width, instructions, is_fused = 2, [], machine in ("aarch64", "arm64")
-    if machine in ("x86_64", "amd64"):
-        # The processor, not the width, determines whether products are fused with sums.
-        is_fused = {"avx2", "fma"} <= own
-        if is_fused and {"avx512f", "avx512dq", "avx512vl"} <= own:
-            width, instructions = 8, ["avx512f", "avx512dq", "avx512vl"]
-        elif "avx2" in own:
-            width, instructions = 4, ["avx2"]
-        instructions += ["fma"] * is_fused
-    # Two interleaved vectors are 5 to 10 % faster if their data fit in the first-level cache.
-    wanted = wanted or (2 * width if width > 2 and width * n_integrated <= _FEW else width)
-    width = min(width, wanted)
-    return Lanes(width, wanted // width, ",".join(instructions), is_fused)
-
-
 def _load(
     pattern: Pattern, method: str, lanes: Lanes, has_sensitivities: bool
 ) -> LoadedLanes | str:
@@ -331,7 +310,9 @@ def _load(
         model = lanes_context(program, method, lanes, has_sensitivities=has_sensitivities)
         files = render_lanes(model, method)
     # At this optimisation level the compiler shares computations between kernels and steps.
-    library = load_kernels(model, files, lanes_declarations(model), BuildOptions("-O3"))
+    written = model.n_written, model.n_written_in_all
+    options = BuildOptions("-O3")
+    library = load_kernels(files, lanes_declarations(model), *written, options)
     if library is None:
         return "the compiler does not support vectors"
     found = getattr(library.lib, f"{model.prefix}_lanes")()

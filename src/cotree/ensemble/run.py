@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.arguments import check_names
-from cotree.ensemble.batch import run_block, usable_cores
+from cotree.ensemble.batch import run_block
 from cotree.ensemble.dataset import Collected, DatasetSchema, check_xarray, member_bytes
 from cotree.ensemble.executors import (
     AHEAD,
@@ -36,6 +36,7 @@ from cotree.ensemble.store import Store, read_path
 from cotree.ensemble.trial import tried_settings
 from cotree.errors import SceneError, SolveError, check_known
 from cotree.quiet import level_of_user
+from cotree.sharing import usable_cores
 from cotree.solvers.budgets import CountingBar
 
 if TYPE_CHECKING:

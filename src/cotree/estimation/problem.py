@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.ensemble.batch import run_block, usable_cores
+from cotree.ensemble.batch import run_block
 from cotree.ensemble.members import MEMBER, Members
 from cotree.ensemble.run import make_plan
 from cotree.errors import ParameterError
@@ -32,6 +32,7 @@ from cotree.estimation.estimated import Array, Estimated, Scaled
 from cotree.estimation.likelihood import Likelihood, Predictions
 from cotree.model.arrays import as_array
 from cotree.scene.settings import STEPS_OF_FIT, Settings
+from cotree.sharing import usable_cores
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence

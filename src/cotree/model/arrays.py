@@ -190,14 +190,16 @@ class Structure:
         return self.sparse(values).tocsr()
 
     def full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the Jacobian as a full array from its nonzero values.
-
-        Additional axes of ``values``, such as points, are appended to the axes of the result.
-        """
+        """Return the Jacobian as a full array from its nonzero values."""
         n = len(self.layout.states)
-        dense = np.zeros((n, n, *values.shape[1:]))
+        dense = np.zeros((n, n))
         dense[self._rows, self._columns] = values
         return dense
+
+    @property
+    def jacobian_places(self) -> npt.NDArray[np.intp]:
+        """Indices of the nonzero values in the flattened full Jacobian."""
+        return self._rows * len(self.layout.states) + self._columns
 
     @cached_property
     def jacobian_colouring(self) -> npt.NDArray[np.intp]:

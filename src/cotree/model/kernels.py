@@ -7,6 +7,7 @@ prepared parameters. Kernels of implicit methods (``cotree_newton``) are built a
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import threading
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +17,7 @@ import numpy as np
 
 from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, loop_flags, obtain_library
 from cotree.build.cache import cached
+from cotree.build.compile import cpu_features
 from cotree.errors import BuildError, SolveError
 from cotree.model.arrays import Array, pointer_to
 from cotree.program.kernels import KERNELS
@@ -25,7 +27,6 @@ from cotree.version import ABI_VERSION
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cotree.codegen.context import KernelFile
     from cotree.model.model import CompiledModel
     from cotree.program.program import Program
     from cotree.program.text import ModelText
@@ -50,17 +51,43 @@ def load_newton(program: Program) -> Newton | None:
     with forming:
         model = newton_context(program)
         files = render_newton(model)
-    loaded = load_kernels(model, files, newton_declarations(model), BuildOptions())
+    written = model.n_written, model.n_written_in_all
+    loaded = load_kernels(files, newton_declarations(model), *written, BuildOptions())
     if loaded is None:
         return None
     address = getattr(loaded.lib, f"{model.prefix}_newton")()
     return Newton(int(loaded.ffi.cast("uintptr_t", address)), loaded)
 
 
+def load_points(text: ModelText, name: str) -> LoadedLibrary | None:
+    """Build and load a kernel in SIMD lanes for many points; None if that is impossible."""
+    if find_toolchain() is None:
+        return None
+    # Imported here, because other calls do not need these modules.
+    from cotree.codegen.lanes import lanes_of, points_context, render_points
+
+    lanes = lanes_of(cpu_features().split())
+
+    def render() -> tuple[Mapping[str, str], str, int, int] | None:
+        # Rendering may add nodes to the graph, as above.
+        with forming:
+            model = points_context(text.program, name, lanes)
+            if isinstance(model, str):
+                return None
+            return *render_points(model), model.n_written, model.n_written_in_all
+
+    digest = hashlib.sha256("\0".join(map(str, sorted(text.files.items()))).encode()).hexdigest()
+    found = cached((name, lanes, digest), render)
+    return None if found is None else load_kernels(*found, BuildOptions())
+
+
 def load_kernels(
-    model: KernelFile, files: Mapping[str, str], declarations: str, options: BuildOptions
+    files: Mapping[str, str], declarations: str, n_written: int, n_all: int, options: BuildOptions
 ) -> LoadedLibrary | None:
-    """Build and load additional C functions of a model; return None if that is impossible."""
+    """Build and load additional C functions of a model; return None if that is impossible.
+
+    ``n_written`` and ``n_all`` are the operations of the longest function and of all together.
+    """
     toolchain = find_toolchain()
     with contextlib.suppress(BuildError):
         if toolchain is not None:
@@ -68,8 +95,8 @@ def load_kernels(
                 files,
                 declarations,
                 abi_version=ABI_VERSION,
-                n_operations=model.n_written,
-                n_all=model.n_written_in_all,
+                n_operations=n_written,
+                n_all=n_all,
                 options=options,
                 toolchain=toolchain,
             )[1]
@@ -170,6 +197,8 @@ class Kernels:
         Address of its ``cotree_model``.
     newton : callable
         Returns ``cotree_newton``, built at the first call; None if that is impossible.
+    in_lanes : callable
+        Returns the library of a kernel in SIMD lanes by name; None if that is impossible.
     step_work : callable
         Returns the operation counts of an implicit step, or None if they are unknown.
     """
@@ -188,6 +217,7 @@ class Kernels:
         self._own = _OwnBuffers(text, library, model)
         self.newton = locked_cache(lambda: load_newton(text.program))
         self.step_work = locked_cache(lambda: count_step_work(text.program))
+        self.in_lanes = locked_cache(partial(load_points, text))
 
     def prepare(self, p: Array) -> None:
         """Set the parameters for this thread; raise ParameterError if a guard rejects them."""

@@ -407,8 +407,8 @@ class CompiledModel:
     def initial_sensitivity(self, p: Any = None) -> Array:
         """Return the sensitivities of the scene's initial states, (n_states, n_parameters)."""
         self._prepare(p)
-        return self._by_parameter(
-            self._call("initial_sensitivity", 0.0, _NONE, _NONE, _NONE), len(self.states)
+        return self.shaped(
+            "initial_sensitivity", self._call("initial_sensitivity", 0.0, _NONE, _NONE, _NONE)
         )
 
     def input_values(self, t: float, p: Any = None) -> Array:
@@ -422,16 +422,16 @@ class CompiledModel:
 
     def jacobian(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
         """Return the derivatives of the rates with respect to the states, (n_states, n_states)."""
-        return self.structure.full(self._at("jacobian", t, y, p, u))
+        return self._at("jacobian", t, y, p, u)
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
         """Return the Jacobian at one point as a SciPy CSC matrix."""
         one = one_point(y, self.states, "state")
-        return self.structure.sparse(self._at("jacobian", t, one, p, u))
+        return self.structure.sparse(self._at_one("jacobian", t, one, p, u))
 
     def sensitivity_rhs(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
         """Return the rates of the sensitivities, in the shape of s."""
-        return self._by_parameter(self._at("sensitivity_rhs", t, y, p, u, s), len(self.states))
+        return self._at("sensitivity_rhs", t, y, p, u, s)
 
     def output_values(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
         """Return the outputs, shape (n_outputs,) or (n_outputs, m)."""
@@ -439,8 +439,7 @@ class CompiledModel:
 
     def output_sensitivity(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
         """Return the sensitivities of the outputs, shape (n_outputs, n_parameters)."""
-        flat = self._at("output_sensitivity", t, y, p, u, s)
-        return self._by_parameter(flat, len(self.outputs))
+        return self._at("output_sensitivity", t, y, p, u, s)
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
         """Return the reason why the rates are not finite at a point, or an empty string."""
@@ -455,10 +454,22 @@ class CompiledModel:
         u = self.input_values(t, p) if u is None else u
         return why_undefined(self.program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
-    def _by_parameter(self, flat: Array, n_rows: int) -> Array:
+    def shape_of(self, name: str) -> tuple[int, ...]:
+        """Return the shape of a kernel's result, in full arrays."""
+        n, m = len(self.states), len(self.sensitivities)
+        if name in ("sensitivity_rhs", "initial_sensitivity"):
+            return n, m
+        if name == "output_sensitivity":
+            return len(self.outputs), m
+        return (n, n) if name == "jacobian" else (self.traits.n_results.get(name, 0),)
+
+    def shaped(self, name: str, flat: Array) -> Array:
+        """Return the result of a kernel at one point in the shape :meth:`shape_of`."""
+        if name == "jacobian":
+            return self.structure.full(flat)
+        shape = self.shape_of(name)
         # Kernels return one block per parameter; results have one column per parameter.
-        blocks = flat.reshape(len(self.sensitivities), n_rows, *flat.shape[1:])
-        return blocks.swapaxes(0, 1).copy()
+        return flat if len(shape) == 1 else flat.reshape(shape[::-1]).T.copy()
 
     def _at(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
         # Values with labels, such as a pandas series, are reordered by name.
@@ -470,6 +481,10 @@ class CompiledModel:
             from cotree.model.columns import in_columns
 
             return in_columns(self, name, t, y, p, u, s)
+        return self.shaped(name, self._at_one(name, t, y, p, u, s))
+
+    def _at_one(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
+        """Return the results of a kernel at one point in the kernel's order."""
         self._prepare(p)
         n, m = len(self.states), len(self.sensitivities)
         states = as_array(y, (n,), "the states")
