@@ -522,11 +522,24 @@ class Model(Reported):
     def as_jax(self, t: float | None = None) -> Any:
         """Return the rates as a function of JAX, (x, u, p) -> dx, with exact first derivatives.
 
-        Parameters and errors as for :meth:`as_casadi`; JAX must compute in double precision.
+        Under ``vmap``, and with further leading axes of the arguments, all points are evaluated in
+        one call. Parameters and errors as for :meth:`as_casadi`; JAX must compute in double
+        precision.
         """
         from cotree.model.bridges import jax_function, rates_of
 
         return jax_function(rates_of(self.kernels, lambda: self._linearizer, t, "as_jax"))
+
+    def as_torch(self, t: float | None = None) -> Any:
+        """Return the rates as a function of PyTorch, (x, u, p) -> dx, with first derivatives.
+
+        Arguments are tensors of doubles with any leading axes, which are broadcast. All points are
+        evaluated in one call, also under ``torch.func.vmap``. Parameters and errors as for
+        :meth:`as_casadi`.
+        """
+        from cotree.model.bridges import rates_of, torch_function
+
+        return torch_function(rates_of(self.kernels, lambda: self._linearizer, t, "as_torch"))
 
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
         """Compile input expressions into the model; return it with the other settings."""

@@ -1,4 +1,4 @@
-"""Rates as functions of CasADi and JAX: values are those of the model, derivatives are exact."""
+"""Rates as functions of CasADi, JAX and PyTorch: the values of the model, exact derivatives."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def test_casadi_has_the_rates_and_their_jacobian(cart):
     np.testing.assert_allclose(derivatives.full(), by_differences(model, u, p), atol=1e-7)
 
 
-# JAX starts threads, after which other tests could not fork: it runs in a process of its own.
-JAX = """
+# JAX and PyTorch start threads, after which other tests could not fork: each has its own process.
+JAX = r"""
 import jax
 import numpy as np
 import pytest
@@ -73,15 +73,84 @@ for derive in (jax.jacfwd, jax.jacrev):
 points = np.stack([x, 2 * x])
 many = jax.vmap(lambda x: function(x, u, p))(points)
 np.testing.assert_allclose(many[1], function(points[1], u, p), rtol=1e-15)
+
+# All points of a batch are evaluated in one call, in SIMD lanes.
+rng = np.random.default_rng(1)
+xs, us = rng.normal(size=(300, 4)), rng.normal(size=(300, 1))
+ps = p * (1 + 0.1 * rng.random((300, 2)))
+calls, rhs = [], model.kernels.rhs
+model.kernels.rhs = lambda *given: calls.append(1) or rhs(*given)
+many = jax.jit(jax.vmap(function))(xs, us, ps)
+np.testing.assert_allclose(function(xs, us, ps), many, rtol=1e-15)
+np.testing.assert_allclose(function(xs, u, p), jax.vmap(function, (0, None, None))(xs, u, p))
+assert len(calls) == 4
+del model.kernels.rhs
+derive = jax.jacrev(function, argnums=(0, 1, 2))
+slopes = jax.vmap(derive)(xs, us, ps)
+for i in (0, 299):
+    np.testing.assert_allclose(many[i], function(xs[i], us[i], ps[i]), rtol=1e-12)
+    for block, alone in zip(slopes, derive(xs[i], us[i], ps[i]), strict=True):
+        np.testing.assert_allclose(block[i], alone, rtol=1e-11, atol=1e-12)
+nested = jax.vmap(jax.vmap(function, (None, 0, None)), (0, None, None))(xs[:3], us[:2], p)
+np.testing.assert_allclose(nested[2, 1], function(xs[2], us[1], p), rtol=1e-12)
+with pytest.raises(ParameterError, match=r"u must be an array of shape \(..., 1\), not \(2,\)"):
+    function(x, x[:2], p)
 """
 
 
-def test_jax_has_the_rates_and_their_derivatives_both_ways(cart):
-    if find_spec("jax") is None:
-        pytest.skip("jax is not installed")
+TORCH = r"""
+import numpy as np
+import pytest
+import torch
+
+import cotree
+from cotree.errors import ParameterError
+
+model = cotree.load("cart-pole").compile(["L", "m"])
+function = model.as_torch()
+x, v, q = (torch.tensor(row, dtype=torch.float64) for row in ({x}, {u}, {p}))
+given = dict(zip(model.sensitivities, {p}, strict=True))
+np.testing.assert_array_equal(function(x, v, q), model.rhs(0.0, {x}, given, {u}))
+for derive in (torch.func.jacrev, torch.func.jacfwd):
+    found = np.hstack(derive(function, argnums=(0, 1, 2))(x, v, q))
+    np.testing.assert_allclose(found, {known}, atol=1e-7)
+with pytest.raises(ParameterError, match=r"x must be an array of shape \(..., 4\), not \(3,\)"):
+    function(x[:3], v, q)
+
+rng, p = np.random.default_rng(2), np.array({p})
+def drawn(*shape):
+    return torch.tensor(rng.normal(size=shape), requires_grad=True)
+
+q = torch.tensor(p, requires_grad=True)
+
+for own in (q, torch.tensor(p * (1 + 0.1 * rng.random((3, 2))), requires_grad=True)):
+    assert torch.autograd.gradcheck(function, (drawn(3, 4), drawn(3, 1), own))
+    assert torch.autograd.gradcheck(function, (drawn(2, 3, 4), drawn(3, 1), own))
+assert torch.autograd.gradcheck(function, (drawn(4), drawn(1), q), check_forward_ad=True)
+# Lanes evaluate all points in one call.
+x, v = drawn(300, 4).detach(), drawn(300, 1).detach()
+together = torch.func.vmap(function, (0, 0, None))(x, v, q.detach())
+np.testing.assert_allclose(function(x, v, q.detach()), together, rtol=1e-15)
+slopes = torch.func.vmap(torch.func.jacrev(function, argnums=(0, 1, 2)), (0, 0, None))
+for i, (row, blocks) in enumerate(zip(together, zip(*slopes(x, v, q.detach())), strict=True)):
+    if i % 99 == 0:
+        np.testing.assert_allclose(row, function(x[i], v[i], q.detach()), rtol=1e-12)
+        alone = torch.func.jacrev(function, argnums=(0, 1, 2))(x[i], v[i], q.detach())
+        for block, one in zip(blocks, alone, strict=True):
+            np.testing.assert_allclose(block, one, rtol=1e-11, atol=1e-12)
+with pytest.raises(ParameterError, match="first derivatives only"):
+    torch.autograd.gradgradcheck(function, (drawn(4), drawn(1), q))
+"""
+
+
+@pytest.mark.parametrize(("name", "program"), [("jax", JAX), ("torch", TORCH)])
+def test_batches_have_the_rates_and_their_derivatives_both_ways(cart, name, program):
+    if find_spec(name) is None:
+        pytest.skip(f"{name} is not installed")
     model, u, p = cart
     arrays = {"x": POINT, "u": u, "p": p, "known": by_differences(model, u, p)}
-    program = JAX.format(**{name: array.tolist() for name, array in arrays.items()})
+    for key, array in arrays.items():
+        program = program.replace(f"{{{key}}}", repr(array.tolist()))
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

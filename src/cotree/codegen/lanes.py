@@ -22,6 +22,7 @@ from cotree.codegen.targets import MEMBERS
 from cotree.dag.nodes import substitute
 from cotree.dag.operations import OPERATIONS
 from cotree.naming import c_identifier
+from cotree.program.columns import INPUT_JACOBIAN, form_input_jacobian
 from cotree.program.kernels import KERNELS
 from cotree.program.passes import rewrite
 from cotree.quiet import without_collection
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from cotree.codegen.printing import Body
     from cotree.dag.multi_output import LinearMap
     from cotree.dag.nodes import Node
+    from cotree.program.kernels import KernelSpec
     from cotree.program.layout import Layout
     from cotree.program.program import Kernel, Program
 
@@ -89,21 +91,21 @@ class VectorFile(KernelFile):
 class PointsContext(VectorFile):
     """Template data of ``<model>_points.c``."""
 
-    name: str  # name of the kernel
+    spec: KernelSpec
     n_skipped: int  # number of first results that are not wanted
-
-    @property
-    def n_sensitivities(self) -> int:
-        """Number of sensitivities that the kernel reads."""
-        layout, spec = self.layout, KERNELS[self.name]
-        if spec.is_packed:
-            return len(layout.sensitivity_places)
-        return len(layout.states) * len(layout.sensitivities) if self.takes_sensitivities else 0
 
     @property
     def takes_sensitivities(self) -> bool:
         """Whether the kernel has sensitivities as an argument."""
-        return "s" in KERNELS[self.name].arguments
+        return "s" in self.spec.arguments
+
+    @property
+    def n_sensitivities(self) -> int:
+        """Number of sensitivities that the kernel reads."""
+        layout = self.layout
+        if self.spec.is_packed:
+            return len(layout.sensitivity_places)
+        return len(layout.states) * len(layout.sensitivities) if self.takes_sensitivities else 0
 
 
 @dataclass(frozen=True)
@@ -233,15 +235,18 @@ def _vector_fields(
 @without_collection()
 def points_context(program: Program, name: str, lanes: Lanes) -> PointsContext | str:
     """Build the template data of a kernel at many points, or return why it has no SIMD lanes."""
-    # The last results of another kernel are computed by that kernel.
-    own = KERNELS[name].tail_of or name
-    kernels = [program.kernels[row] for row in (*["inputs"] * bool(program.layout.inputs), own)]
+    kernels, n_skipped = [program.kernels["inputs"]] * bool(program.layout.inputs), 0
+    if name == INPUT_JACOBIAN.name:
+        kernels.append(form_input_jacobian(program))
+    else:
+        # The last results of another kernel are computed by that kernel.
+        kernels.append(program.kernels[KERNELS[name].tail_of or name])
+        n_skipped = len(kernels[-1].results) - len(program.kernels[name].results)
     why = _kernels_refusal(kernels)
     if why:
         return why
-    n_skipped = len(kernels[-1].results) - len(program.kernels[name].results)
     fields = _vector_fields(program, kernels, lanes)
-    return PointsContext(**fields, name=own, n_skipped=n_skipped)
+    return PointsContext(**fields, spec=kernels[-1].spec, n_skipped=n_skipped)
 
 
 def render_points(model: PointsContext) -> tuple[Mapping[str, str], str]:

@@ -1,4 +1,4 @@
-"""Right-hand side with exact Jacobians as NumPy, CasADi and JAX functions."""
+"""Right-hand side with exact Jacobians as NumPy, CasADi, JAX and PyTorch functions."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from cotree.dag.nodes import TIME, kinds_in
 from cotree.errors import ParameterError
+from cotree.model.columns import input_jacobian
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,26 +42,63 @@ class Rates:
         return np.array([own[name] for name in self.names])
 
     def __call__(self, x: Array, u: Array, p: Array) -> Array:
-        """Evaluate the rates, shape (n_states,)."""
-        return self.model.rhs(self.t, x, self._given(p), u)
+        """Evaluate the rates, shape (..., n_states).
+
+        Arguments have their values on the last axis; all other axes are broadcast.
+        """
+        if max(x.ndim, u.ndim, p.ndim) == 1:
+            return self.model.rhs(self.t, x, self._given(p), u)
+        lead, columns = self._columns(x, u, p)
+        return self.model.rhs(self.t, *columns).T.reshape(*lead, -1)
 
     def derivatives(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
-        """Evaluate the derivatives with respect to x, u and p, each (n_states, argument length)."""
-        model, given = self.model, self._given(p)
-        n, n_inputs, n_parameters = self.sizes
-        by_state = model.jacobian(self.t, x, given, u)
-        by_input = np.zeros((n, 0))
-        if n_inputs:
-            # Models for bridges have no algebraic unknowns, so no elimination is needed.
-            own = model.parameter_array(given), np.asarray(u, dtype=float)
-            by_input = self.linearizer().whole(self.t, x, *own)[1][:n, n:]
-        by_parameter = np.zeros((n, 0))
-        if n_parameters:
+        """Evaluate the derivatives with respect to x, u and p, each (..., n_states, length)."""
+        model, lead = self.model, np.broadcast_shapes(x.shape[:-1], u.shape[:-1], p.shape[:-1])
+        _, (y, own, inputs) = self._columns(x, u, p)
+        n, m = y.shape
+        blocks = [model.jacobian(self.t, y, own, inputs)]
+        by_input = np.zeros((n, 0, m))
+        if len(model.inputs):
+            found = input_jacobian(model, self.t, y, own, inputs)
+            by_input = self._input_jacobian(y, own, inputs) if found is None else found
+        by_parameter = np.zeros((n, 0, m))
+        if self.names:
             # With zero sensitivities, their rates are the partial derivatives with respect to p.
-            at_rest = np.zeros((n, len(model.sensitivities)))
-            rates = model.sensitivity_rhs(self.t, x, at_rest, given, u)
+            at_rest = np.zeros((n, len(model.sensitivities), m))
+            rates = model.sensitivity_rhs(self.t, y, at_rest, own, inputs)
             by_parameter = rates[:, [model.sensitivities.index(name) for name in self.names]]
+        blocks += [by_input, by_parameter]
+        by_state, by_input, by_parameter = (
+            np.moveaxis(block, -1, 0).reshape(*lead, *block.shape[:-1]) for block in blocks
+        )
         return by_state, by_input, by_parameter
+
+    def _columns(
+        self, x: Array, u: Array, p: Array
+    ) -> tuple[tuple[int, ...], tuple[Array, Any, Array]]:
+        """Return the broadcast axes, and the arguments of the model with one column a point."""
+        lead = np.broadcast_shapes(x.shape[:-1], u.shape[:-1], p.shape[:-1])
+        y, inputs = (
+            np.ascontiguousarray(np.broadcast_to(row, (*lead, n)).reshape(-1, n).T)
+            for row, n in zip((x, u), self.sizes, strict=False)
+        )
+        if p.size == len(self.names):
+            return lead, (y, self._given(p.ravel()), inputs)
+        own = np.repeat(self.model.default_parameters[:, None], y.shape[1], axis=1)
+        places = [self.model.parameters.index(name) for name in self.names]
+        own[places] = np.broadcast_to(p, (*lead, len(places))).reshape(-1, len(places)).T
+        return lead, (y, own, inputs)
+
+    def _input_jacobian(self, y: Array, own: Any, inputs: Array) -> Array:
+        """Evaluate the derivatives with respect to the inputs in Python, point by point."""
+        model, n, linearizer = self.model, len(y), self.linearizer()
+        columns = []
+        for j in range(y.shape[1]):
+            p = own if isinstance(own, dict) else own[:, j]
+            # Models for bridges have no algebraic unknowns, so no elimination is needed.
+            at = y[:, j], model.parameter_array(p), inputs[:, j]
+            columns.append(linearizer.whole(self.t, *at)[1][:n, n:])
+        return np.stack(columns, axis=-1)
 
     def _given(self, p: Array) -> dict[str, float]:
         return dict(zip(self.names, map(float, p), strict=True))
@@ -189,30 +227,133 @@ def jax_function(rates: Rates) -> Any:
     value = jax.ShapeDtypeStruct((n,), np.float64)
     blocks = tuple(jax.ShapeDtypeStruct((n, size), np.float64) for size in rates.sizes)
 
-    def evaluate(x: Any, u: Any, p: Any) -> Any:
-        return rates(*map(_as_vector, (x, u, p)))
+    def called_back(evaluate: Any, shapes: Any, *arguments: Any) -> Any:
+        def evaluated(*values: Any) -> Any:
+            return evaluate(*(np.asarray(row, dtype=np.float64) for row in values))
 
-    def derive(x: Any, u: Any, p: Any) -> Any:
-        return rates.derivatives(*map(_as_vector, (x, u, p)))
+        # All points of a batch are evaluated in one call; other arguments get axes of length one.
+        return jax.pure_callback(evaluated, shapes, *arguments, vmap_method="expand_dims")
 
-    def evaluated(x: Any, u: Any, p: Any) -> Any:
-        return jax.pure_callback(evaluate, value, x, u, p, vmap_method="sequential")
-
-    function: Any = jax.custom_jvp(evaluated)
+    @jax.custom_jvp  # type: ignore[untyped-decorator]
+    def function(x: Any, u: Any, p: Any) -> Any:
+        return called_back(rates, value, x, u, p)
 
     def jvp(primals: Any, tangents: Any) -> Any:
-        found = jax.pure_callback(derive, blocks, *primals, vmap_method="sequential")
+        found = called_back(rates.derivatives, blocks, *primals)
         change = sum(block @ tangent for block, tangent in zip(found, tangents, strict=True))
         return function(*primals), change
 
     function.defjvp(jvp)
+    many = numbers.vectorize(function, signature="(n),(k),(j)->(n)")
 
     def called(x: Any, u: Any = (), p: Any = None) -> Any:
-        given = rates.values if p is None else p
-        return function(*(numbers.asarray(row, dtype=np.float64) for row in (x, u, given)))
+        def convert(row: Any) -> Any:
+            return numbers.asarray(row, dtype=np.float64)
+
+        return many(*_checked(rates, convert, x, u, rates.values if p is None else p))
 
     return called
 
 
-def _as_vector(value: Any) -> Any:
-    return np.asarray(value, dtype=float).ravel()
+def _checked(rates: Rates, convert: Callable[[Any], Any], *arguments: Any) -> list[Any]:
+    """Convert the arguments x, u and p to arrays; raise ParameterError if a length is wrong."""
+    found = []
+    for name, n, value in zip("xup", rates.sizes, arguments, strict=True):
+        found.append(convert(value))
+        if found[-1].shape[-1:] != (n,):
+            shape = tuple(found[-1].shape)
+            raise ParameterError(f"{name} must be an array of shape (..., {n}), not {shape}")
+    return found
+
+
+def torch_function(rates: Rates) -> Any:
+    """Return a PyTorch function of x, u and p for ``backward``, ``vmap`` and first derivatives."""
+    try:
+        torch: Any = import_module("torch")
+    except ImportError:
+        raise ParameterError(
+            "as_torch() needs the package torch: run `pip install torch`"
+        ) from None
+
+    def evaluated(evaluate: Any, arguments: Any) -> Any:
+        values = (row.detach().cpu().numpy() for row in arguments)
+        found = evaluate(*values)
+        where = arguments[0].device
+        if isinstance(found, tuple):
+            return tuple(torch.from_numpy(np.ascontiguousarray(row)).to(where) for row in found)
+        return torch.from_numpy(np.ascontiguousarray(found)).to(where)
+
+    def aligned(size: int, in_dims: Any, arguments: Any) -> Any:
+        """Move the new axis of a batch to the front of all arguments, whose axes are broadcast."""
+        ranks = [row.ndim - (dim is not None) for row, dim in zip(arguments, in_dims, strict=True)]
+        rows = []
+        for row, dim, rank in zip(arguments, in_dims, ranks, strict=True):
+            moved = row[None] if dim is None else row.movedim(dim, 0)
+            ones = [1] * (max(ranks) - rank)
+            rows.append(moved.reshape(moved.shape[0], *ones, *moved.shape[1:]))
+        return rows
+
+    class Derivatives(torch.autograd.Function):  # type: ignore[misc]
+        """The Jacobian of the rates for each argument."""
+
+        @staticmethod
+        def forward(*arguments: Any) -> Any:
+            return evaluated(rates.derivatives, arguments)
+
+        @staticmethod
+        def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
+            pass
+
+        @staticmethod
+        def vmap(info: Any, in_dims: Any, *arguments: Any) -> Any:
+            found = Derivatives.apply(*aligned(info.batch_size, in_dims, arguments))
+            return found, (0, 0, 0)
+
+        @staticmethod
+        def backward(ctx: Any, *changes: Any) -> Any:
+            raise ParameterError("as_torch() has first derivatives only")
+
+    class Function(torch.autograd.Function):  # type: ignore[misc]
+        """The rates."""
+
+        @staticmethod
+        def forward(*arguments: Any) -> Any:
+            return evaluated(rates, arguments)
+
+        @staticmethod
+        def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
+            ctx.save_for_backward(*inputs)
+            ctx.save_for_forward(*inputs)
+
+        @staticmethod
+        def vmap(info: Any, in_dims: Any, *arguments: Any) -> Any:
+            return Function.apply(*aligned(info.batch_size, in_dims, arguments)), 0
+
+        @staticmethod
+        def backward(ctx: Any, change: Any) -> Any:
+            given = ctx.saved_tensors
+            found = (change.unsqueeze(-2) @ block for block in Derivatives.apply(*given))
+            # Arguments that were broadcast collect the changes of all points.
+            return tuple(
+                row.squeeze(-2).sum_to_size(own.shape)
+                for row, own in zip(found, given, strict=True)
+            )
+
+        @staticmethod
+        def jvp(ctx: Any, *tangents: Any) -> Any:
+            blocks = Derivatives.apply(*ctx.saved_tensors)
+            return sum(
+                (block @ tangent.unsqueeze(-1)).squeeze(-1)
+                for block, tangent in zip(blocks, tangents, strict=True)
+                if tangent is not None
+            )
+
+    def called(x: Any, u: Any = (), p: Any = None) -> Any:
+        x = torch.as_tensor(x, dtype=torch.float64)
+
+        def convert(value: Any) -> Any:
+            return torch.as_tensor(value, dtype=torch.float64, device=x.device)
+
+        return Function.apply(*_checked(rates, convert, x, u, rates.values if p is None else p))
+
+    return called

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,6 +78,29 @@ def in_columns(
     return found
 
 
+def input_jacobian(model: CompiledModel, t: float, y: Array, p: Any, u: Array) -> Array | None:
+    """Differentiate the rates with respect to the inputs, (n_states, n_inputs, m).
+
+    Arguments as for :func:`in_columns`. Return None if the kernel cannot be compiled for SIMD
+    lanes.
+    """
+    shape, m = (len(model.states), len(model.inputs)), np.shape(y)[1]
+    lanes = model.code.in_lanes("input_jacobian") if model.backend == "C" else None
+    if lanes is None:
+        return None
+    # The last points are repeated, since lanes need a whole vector of points.
+    wide = partial(np.pad, pad_width=((0, 0), (0, max(0, _BLOCK - m))), mode="edge")
+    many = [wide(row) if is_many(row) else row for row in (y, p, u)]
+    points = _checked(model, t, many[0], many[1], many[2], None)
+    found = np.empty((*shape, len(points.t)))
+    rows, flat = np.arange(shape[0] * shape[1]), found.reshape(-1, len(points.t))
+    call = points.in_lanes(lanes, "input_jacobian", rows[:0], flat, rows)
+    done = _shared_by_threads(call, len(points.t))
+    if done < len(points.t):
+        points.at("rhs", done)  # raises an error, because the parameters are rejected
+    return found[..., :m]
+
+
 def _rows(places: IndexArray, n: int, n_s: int) -> IndexArray:
     """Return the rows of an array (n, n_s, m) for places in an array with one row a parameter."""
     return places % n * n_s + places // n
@@ -107,7 +131,7 @@ class Points:
         if model.backend != "C" or library is None or model.address(name) is None:
             return 0
         if m >= _MANY and name in _IN_LANES and (lanes := model.code.in_lanes(name)) is not None:
-            return _shared_by_threads(self._in_lanes(lanes, name, s_rows, results, rows), m)
+            return _shared_by_threads(self.in_lanes(lanes, name, s_rows, results, rows), m)
 
         def evaluate(first: int, last: int) -> int:
             for begun in range(first, last, _PIECE):
@@ -128,7 +152,7 @@ class Points:
 
         return _shared_by_threads(evaluate, m)
 
-    def _in_lanes(
+    def in_lanes(
         self,
         lanes: LoadedLibrary,
         name: str,
@@ -148,7 +172,8 @@ class Points:
         c.results = objects.pointer(results)
         c.s_rows, c.rows = (objects.pointer(own.astype(np.intc), "int") for own in (s_rows, rows))
         # Lanes also compute the results that precede those of the kernel.
-        n_results = model.traits.n_results[KERNELS[name].tail_of or name]
+        whole = KERNELS[name].tail_of if name in KERNELS else ""
+        n_results = model.traits.n_results[whole] if whole else len(rows)
         size = (
             len(self.x) + len(s_rows) + len(model.inputs) + 2 * (len(self.p) + len(k)) + n_results
         )

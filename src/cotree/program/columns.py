@@ -29,7 +29,7 @@ from itertools import chain, product
 from operator import or_
 from typing import TYPE_CHECKING
 
-from cotree.dag.derivative import tangents
+from cotree.dag.derivative import tangents, tangents_along
 from cotree.dag.multi_output import BLOCK, SEVERAL, LinearMap, apply_map, form_map
 from cotree.dag.nodes import (
     DIRECTION,
@@ -564,3 +564,22 @@ def form_time_slope(program: Program) -> Kernel | None:
     if all(node.is_zero for node in found):
         return None
     return Kernel(_SPEC, tuple(found), kernels["rhs"].prepared)
+
+
+#: Kernel that only bridges to other tools need, compiled at its first use.
+INPUT_JACOBIAN = KernelSpec(
+    "input_jacobian",
+    KERNELS["jacobian"].arguments,
+    "values",
+    "derivatives of rhs with respect to the inputs, row by row",
+)
+
+
+def form_input_jacobian(program: Program) -> Kernel:
+    """Differentiate the rates with respect to the inputs."""
+    dag, rhs = program.dag, program.kernels["rhs"]
+    n_inputs = len(program.layout.inputs)
+    seeds = [{dag.symbol(INPUT, i): dag.one} for i in range(n_inputs)]
+    rows = tangents_along(rhs.results, seeds)
+    found = (row.get(i, dag.zero) for row in rows for i in range(n_inputs))
+    return Kernel(INPUT_JACOBIAN, tuple(found), rhs.prepared)
