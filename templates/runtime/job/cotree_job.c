@@ -226,10 +226,9 @@ static int store_point(cotree_job *job, cotree_real t, cotree_real *w, int is_ex
     const cotree_run *const run = ENGINE->run;
     cotree_real *const row = job->values + (size_t)job->n_kept * (size_t)run->n_full;
     const int status = complete_on_branch(job, t, w, is_exact);
-    int i;
     if (status != COTREE_OK) return status;
     job->times[job->n_kept] = t;
-    for (i = 0; i < run->n_full; ++i) row[i] = run->full[i];
+    memcpy(row, run->full, (size_t)run->n_full * sizeof(cotree_real));
     ++job->n_kept;
     return COTREE_OK;
 }

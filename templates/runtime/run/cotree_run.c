@@ -143,6 +143,10 @@ static void unpack(const cotree_run *run, int n, const cotree_real *packed, cotr
     const int *const starts = run->model->sensitivity_starts;
     const int *const rows = run->model->sensitivity_rows;
     int i, j;
+    if (n == N_STATES && run->n_packed == run->n_full) {
+        memcpy(s, packed, (size_t)(run->n_full - n) * sizeof(cotree_real));
+        return;
+    }
     for (j = 0; j < run->n_blocks - 1; ++j, s += N_STATES) {
         for (i = 0; i < N_STATES; ++i) s[i] = COTREE_F(0.0);
         for (i = starts[j]; i < starts[j + 1]; ++i) {
