@@ -4,7 +4,14 @@ import platform
 
 import pytest
 
-from cotree.build import BuildOptions, Toolchain, compiler_flags, loop_flags
+from cotree.build import (
+    BuildOptions,
+    Toolchain,
+    build_library,
+    compiler_flags,
+    find_toolchain,
+    loop_flags,
+)
 from cotree.build.compile import cpu_features
 from cotree.errors import BuildError
 
@@ -84,7 +91,32 @@ def test_time_limit_is_positive(time_limit):
 
 
 def test_loops_become_vectors_in_less_than_the_highest_level():
-    """The highest level takes gcc twice as long; other compilers know other names of its parts."""
+    """The highest level takes gcc longer; other compilers know other names of its parts."""
     assert loop_flags(GCC).startswith("-O1 ")
     assert "-ftree-loop-vectorize" in loop_flags(GCC).split()
-    assert loop_flags(CLANG) == loop_flags(ZIG) == "-O3"
+    assert loop_flags(CLANG).split()[0] == loop_flags(ZIG) == "-O3"
+
+
+@pytest.mark.parametrize("toolchain", [GCC, CLANG])
+def test_loops_use_the_vectors_of_this_processor(toolchain, monkeypatch):
+    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    assert "-march=native" in loop_flags(toolchain).split()
+    monkeypatch.setattr("platform.machine", lambda: "aarch64")
+    assert "native" not in loop_flags(toolchain)
+
+
+def test_key_of_a_library_with_vectors_of_this_processor_contains_its_features(monkeypatch):
+    toolchain = find_toolchain()
+    if toolchain is None:
+        pytest.skip("no C compiler")
+    files = {"one.c": "int one(void) { return 1; }"}
+
+    def built(level):
+        options = {"abi_version": 1, "n_operations": 1, "options": BuildOptions()}
+        levels = {"one.c": level}
+        return build_library(files, toolchain=toolchain, levels=levels, **options).path
+
+    paths = [built("-O1"), built("-O1 -march=native")]
+    monkeypatch.setattr("cotree.build.compile.cpu_features", lambda: "another processor")
+    assert built("-O1") == paths[0]
+    assert built("-O1 -march=native") != paths[1]
