@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,18 @@ if TYPE_CHECKING:
     from cotree.quantities import Quantity
 
 Array = npt.NDArray[np.float64]
+
+# Products of longer arrays would wake the threads of BLAS.
+_MOST_IN_PRODUCT = 2000
+
+
+def are_finite(values: Array) -> bool:
+    """Return whether no entry of a one-dimensional array is nan or infinite."""
+    # The dot product is faster than a test of all entries, but it may overflow.
+    is_short = len(values) <= _MOST_IN_PRODUCT
+    if is_short and math.isfinite(values.dot(values)):
+        return True
+    return bool(np.isfinite(values).all())
 
 
 def as_array(value: Any, shape: Sequence[int], what: str) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import threading
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +15,7 @@ from cotree.errors import BuildError, ParameterError, SingularSystemError
 from cotree.model.arrays import (
     Array,
     Structure,
+    are_finite,
     as_array,
     as_parameters,
     derived_values,
@@ -293,10 +293,9 @@ class CompiledModel:
         own = self._own
         # Bits are compared, because 0.0 equals -0.0 although 1 / p differs.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():
-            # The dot product detects nan and infinity in one pass, but it may also overflow.
             with np.errstate(over="ignore"):
-                square = p.dot(p)
-            if not (math.isfinite(square) or np.isfinite(p).all()):
+                is_finite = are_finite(p)
+            if not is_finite:
                 name = self.parameters[int(np.flatnonzero(~np.isfinite(p))[0])]
                 raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
             # If a guard rejects the values, the kernels remain unprepared.

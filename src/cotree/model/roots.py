@@ -46,6 +46,7 @@ import numpy as np
 from cotree.dag.derivative import tangents_along
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import PIECE, Node, dependent, reachable
+from cotree.model.arrays import are_finite
 from cotree.model.linear import ROUNDING, SMALL, Linear, Matrix, linearise, longest, solve_entries
 from cotree.tolerances import TINY
 
@@ -225,8 +226,7 @@ def iterate(
     least = best.size
     kept, step = _Following(linear), None
     for _ in range(limits.most_steps):
-        # The dot product is faster than a test of all entries, but it may overflow.
-        if not (math.isfinite(point.g.dot(point.g)) or np.isfinite(point.g).all()):
+        if not are_finite(point.g):
             break
         is_old, before = kept.linear is not None, step
         try:

@@ -11,7 +11,6 @@ breakpoint prolongs the effect of f- and shortens that of f+.
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ import numpy.typing as npt
 from cotree.dag.restart_times import RestartTimes
 from cotree.errors import SolveError
 from cotree.methods import METHODS
+from cotree.model.arrays import are_finite
 from cotree.records import changed
 from cotree.solvers.budgets import most_rows
 
@@ -262,8 +262,7 @@ def check_values(problem: Problem) -> None:
         raise SolveError("A breakpoint is not finite; give times in seconds.")
     if not problem.max_step > 0:  # from the settings or the model; nan is rejected, too
         raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
-    # The dot product is not finite if an entry is nan or infinite, but it may also overflow.
-    if math.isfinite(problem.z0.dot(problem.z0)) or np.isfinite(problem.z0).all():
+    if are_finite(problem.z0):
         return
     index = int(np.flatnonzero(~np.isfinite(problem.z0))[0])
     raise SolveError(
