@@ -180,6 +180,24 @@ def test_settings_that_cannot_be_compared_have_none(other):
     assert key_of(vars(Settings(t_span=(0.0, 1.0), **other))) is None
 
 
+def test_settings_of_the_last_calls_are_recognised(slider):
+    model, ends = slider, np.array([0.25, 0.5])
+
+    def found(**settings):
+        run = model.simulate(**{"t_span": (0.0, 0.5), "t_eval": ends, "rtol": 1e-6} | settings)
+        return run.t.tolist(), run.settings.rtol
+
+    for _ in range(3):  # from the third call on, settings are compared with those of the last one
+        assert found() == ([0.25, 0.5], 1e-6)
+    ends[0] = 0.125  # the same array with another time
+    assert found() == ([0.125, 0.5], 1e-6)
+    assert found(rtol=1e-7) == ([0.125, 0.5], 1e-7)
+    assert found(t_span=[0.0, 0.5]) == ([0.125, 0.5], 1e-6)
+    assert found(t_eval=None)[0][0] == 0.0
+    with pytest.raises(TypeError, match="rtoll"):
+        model.simulate((0.0, 0.5), rtoll=1e-6)
+
+
 def doubled(t):
     return 2.0 * t
 
