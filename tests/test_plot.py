@@ -12,7 +12,7 @@ from matplotlib.patches import PathPatch
 from cotree.errors import SceneError
 from cotree.graph import GraphEdge, LinearGraph, Tree, named_tree
 from cotree.plot import draw_graph, draw_graphs, plot_result, save_figure
-from cotree.plot.layout import lay_out
+from cotree.plot.graph import lay_out
 
 if TYPE_CHECKING:
     from pathlib import Path

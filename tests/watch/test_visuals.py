@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import cotree
 from cotree.watch import shapes
-from cotree.watch.meshes import MeshError, coarser, find_mesh, read_mesh
+from cotree.watch.shapes import MeshError, coarser, find_mesh, read_mesh
 
 ROBOT = """<robot name="arm">
 <link name="base"/>

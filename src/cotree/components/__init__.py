@@ -33,7 +33,7 @@ FAMILIES: Mapping[str, str] = {
     "nonlinear_inductor switch transformer gyrator vcvs vccs ccvs cccs ideal_op_amp nullor "
     "voltage_source current_source sine_voltage sine_current pulse_voltage pulse_current "
     "piecewise_voltage piecewise_current coupled_inductors",
-    "transistors": "diode bjt_npn bjt_pnp mosfet_n mosfet_p",
+    "semiconductors": "diode bjt_npn bjt_pnp mosfet_n mosfet_p",
     "hydraulic": "hydraulic_resistor orifice valve tank accumulator inertance pipe pump "
     "pressure_source flow_source",
     "thermal": "heat_capacitor thermal_resistor convection radiation temperature_source "

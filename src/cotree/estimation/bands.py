@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.estimation.conditions import Condition
-    from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.problem import Predictions
     from cotree.estimation.uncertainty import Uncertainty
 
 # Default number of points in time.

@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
     from cotree.estimation.estimated import Array, Scaled
-    from cotree.estimation.likelihood import Predictions
-    from cotree.estimation.problem import Problem
+    from cotree.estimation.problem import Predictions, Problem
 
     #: Returns additional residuals and their Jacobian at ``theta``.
     Rows = Callable[[Array], tuple[Array, Array]]

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from cotree.estimation.estimated import Array
-    from cotree.estimation.likelihood import Predictions
     from cotree.estimation.multistart import Rows
+    from cotree.estimation.problem import Predictions
     from cotree.estimation.uncertainty import Uncertainty
 
 

@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 
     from cotree.estimation.candidates import NextMeasurements
     from cotree.estimation.estimated import Array
-    from cotree.estimation.likelihood import Predictions
     from cotree.estimation.multistart import Rows, Search, StartRecord
-    from cotree.estimation.problem import Problem
+    from cotree.estimation.problem import Predictions, Problem
     from cotree.estimation.profiles import Profile
     from cotree.estimation.uncertainty import Uncertainty
     from cotree.plot.fits import Course, Residuals
@@ -213,21 +212,21 @@ class FitResult(Reported):
     @cached_property
     def at_bounds(self) -> dict[str, str]:
         """Parameters at a bound, each with "lower" or "upper"."""
-        from cotree.estimation.findings import at_bounds
+        from cotree.estimation.uncertainty import at_bounds
 
         return at_bounds(self.problem, self.theta)
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
         """Sentences on the parameter combinations that the data do not determine."""
-        from cotree.estimation.findings import of_directions
+        from cotree.estimation.uncertainty import of_directions
 
         return of_directions(self.uncertainty, self._prior)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
         """Limitations of the estimates, one sentence each; empty if there are none."""
-        from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
+        from cotree.estimation.uncertainty import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)
         if not math.isfinite(self.starts[0].objective):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-    from cotree.plot.layout import Array
+    from cotree.plot.graph import Array
 
 
 #: Array dimensions that do not distinguish members.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from cotree.plot.layout import Array
+    from cotree.plot.graph import Array
     from cotree.solvers.result import RunRecord
 
 

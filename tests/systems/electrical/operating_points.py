@@ -29,7 +29,7 @@ Row = tuple[str, str, tuple[str, ...], tuple[float, ...]]
 
 
 class Circuit:
-    """Elements of a circuit; laws are those of ``diodes.py`` and ``transistors.py``."""
+    """Elements of a circuit; laws are those of ``semiconductors.py``."""
 
     def __init__(self, name: str, *rows: Row) -> None:
         self.name = name

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from cotree.api import Scene
     from cotree.compiled import Model
     from cotree.estimation.conditions import Condition, Measured
-    from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.problem import Predictions
 
 
 _MOST_DRAWS = 1000

@@ -10,7 +10,7 @@ from itertools import combinations, combinations_with_replacement, count, pairwi
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.components.electrical import WINDINGS, coupling_field
-from cotree.components.transistors import BASE_CHARGE
+from cotree.components.semiconductors import BASE_CHARGE
 from cotree.errors import ExpressionError, brief, nearest
 from cotree.readers.spice.models import (
     DeviceModel,
