@@ -87,16 +87,8 @@ static int factorise(fmu *m, int is_transposed, cotree_lu *lu)
 {
     const fmu_pattern *const p = &m->tables->partials;
     const int n = N_ALGEBRAIC;
-    int i, j;
     *lu = cotree_lu_of(n, n, n, m->dense, m->pivots);
-    for (i = 0; i < n * n; ++i) m->dense[i] = 0.0;
-    for (j = 0; j < n; ++j) {
-        for (i = p->starts[N_RATES + j]; i < p->starts[N_RATES + j + 1]; ++i) {
-            const int row = p->rows[i] - N_RATES;
-            if (row < 0 || row >= n) continue;
-            m->dense[is_transposed ? j + row * n : row + j * n] = m->partials[i];
-        }
-    }
+    cotree_lu_load(lu, 1.0, p->starts, p->rows, m->partials, N_RATES, is_transposed);
     if (cotree_lu_factorise(lu) == 0) return 0;
     return fmu_discard(m, "the algebraic equations are singular at t = %.10g", m->numbers[FMU_NOW]);
 }

@@ -30,19 +30,10 @@ int cotree_solve_linearised(const cotree_run *run, const cotree_real *g, cotree_
 static int factorise_algebraic(cotree_run *run, cotree_real t, const cotree_real *x)
 {
     const cotree_model *const model = run->model;
-    const int *const starts = model->column_starts;
-    const int m = N_ALGEBRAIC, n_rates = N_RATES;
-    cotree_real *const matrix = run->matrix.first;
-    int i, j;
     const int status = model->jacobian(t, x, run->u, run->p, run->k, run->nonzeros);
     if (status != 0) return status;
-    for (i = 0; i < m * m; ++i) matrix[i] = COTREE_F(0.0);
-    for (j = 0; j < m; ++j) {
-        for (i = starts[n_rates + j]; i < starts[n_rates + j + 1]; ++i) {
-            const int row = model->row_indices[i];
-            if (row >= n_rates) matrix[row - n_rates + j * m] = run->nonzeros[i];
-        }
-    }
+    cotree_lu_load(&run->matrix, COTREE_F(1.0), model->column_starts, model->row_indices,
+                   run->nonzeros, N_RATES, 0);
     return cotree_lu_factorise(&run->matrix) == 0 ? 0 : COTREE_SINGULAR;
 }
 
@@ -363,20 +354,6 @@ int cotree_reduced_rate(cotree_run *run, cotree_real t, const cotree_real *w, co
     }
     for (i = n; i < lead; ++i) dw[i] = COTREE_F(0.0);
     return 0;
-}
-
-/* Compute rates with integrated unknowns. */
-int cotree_extended_rate(cotree_run *run, cotree_real t, const cotree_real *w, cotree_real *dw)
-{
-    const cotree_model *const model = run->model;
-    const int status = cotree_run_inputs(run, t);
-    if (status != 0) return status;
-#if COTREE_HAS_SENSITIVITIES
-    if (run->n_blocks > 1) {
-        return model->extended_augmented_rhs(t, w, w + N_STATES, run->u, run->p, run->k, dw);
-    }
-#endif
-    return model->extended_rhs(t, w, run->u, run->p, run->k, dw);
 }
 
 /* Project integrated unknowns onto their equations. */

@@ -26,6 +26,21 @@ cotree_lu cotree_lu_of(int n, int lower, int upper, cotree_real *memory, int *pi
     return a;
 }
 
+void cotree_lu_load(const cotree_lu *a, cotree_real multiple, const int *starts, const int *rows,
+                    const cotree_real *values, int first, int is_transposed)
+{
+    const int n = a->n;
+    int e, i, j;
+    for (i = 0; i < n * n; ++i) a->first[i] = COTREE_F(0.0);
+    for (j = 0; j < n; ++j) {
+        for (e = starts[first + j]; e < starts[first + j + 1]; ++e) {
+            i = rows[e] - first;
+            if (i < 0 || i >= n) continue;
+            a->first[is_transposed ? j + i * n : i + j * n] = multiple * values[e];
+        }
+    }
+}
+
 static int smaller(int a, int b) { return a < b ? a : b; }
 
 int cotree_lu_factorise(const cotree_lu *a)

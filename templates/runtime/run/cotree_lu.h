@@ -24,6 +24,11 @@ size_t cotree_lu_doubles(int n, int lower, int upper);
 /* Return a matrix that uses the caller's memory, with n ints for its pivots. */
 cotree_lu cotree_lu_of(int n, int lower, int upper, cotree_real *memory, int *pivots);
 
+/* Set a dense matrix to the given multiple of a square block of a matrix in compressed columns, or
+ * of its transpose. `first` is the first row and the first column of the block. */
+void cotree_lu_load(const cotree_lu *a, cotree_real multiple, const int *starts, const int *rows,
+                    const cotree_real *values, int first, int is_transposed);
+
 /* Factorise in place. Return 0, or 1 if the matrix is singular. */
 int cotree_lu_factorise(const cotree_lu *a);
 

@@ -319,33 +319,37 @@ int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, cons
 }
 #endif
 
-/* Inline, because it is short and called very often. */
-static inline int packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
+/* Compute the rates with one of two kernels. Inline, because it is short and called very often. */
+static inline int rate_by(cotree_run *run, cotree_state_kernel of_states,
+                          cotree_sensitivity_kernel of_all, cotree_real t, const cotree_real *z,
+                          cotree_real *dz)
 {
-    const cotree_model *const model = run->model;
     const int status = cotree_run_inputs(run, t);
     if (status != 0) return status;
 #if COTREE_HAS_SENSITIVITIES
-    if (run->n_blocks > 1) {
-        return model->augmented_rhs(t, z, z + N_STATES, run->u, run->p, run->k, dz);
-    }
+    if (run->n_blocks > 1) return of_all(t, z, z + N_STATES, run->u, run->p, run->k, dz);
+#else
+    (void)of_all;
 #endif
-    return model->rhs(t, z, run->u, run->p, run->k, dz);
+    return of_states(t, z, run->u, run->p, run->k, dz);
 }
 
 #if COTREE_HAS_IMPLICIT || COTREE_HAS_EVENTS
 int cotree_run_packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
 {
-    return packed_rate(run, t, z, dz);
+    return rate_by(run, run->model->rhs, run->model->augmented_rhs, t, z, dz);
 }
 #endif
 
 int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *context)
 {
     cotree_run *const run = (cotree_run *)context;
+    const cotree_model *const model = run->model;
     t = cotree_run_inside(run, t);
 #if COTREE_HAS_ALGEBRAIC
-    if (!run->is_solving) return cotree_extended_rate(run, t, w, dw);
+    /* Integrated unknowns have rates. */
+    if (!run->is_solving)
+        return rate_by(run, model->extended_rhs, model->extended_augmented_rhs, t, w, dw);
     if (N_ALGEBRAIC > 0) return cotree_reduced_rate(run, t, w, dw);
 #endif
 #if COTREE_HAS_CONSTRAINTS
@@ -355,7 +359,7 @@ int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *
         w = run->step;
     }
 #endif
-    return packed_rate(run, t, w, dw);
+    return rate_by(run, model->rhs, model->augmented_rhs, t, w, dw);
 }
 
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC

@@ -34,8 +34,6 @@ COTREE_PRIVATE int cotree_solve_unknown_sensitivities(cotree_run *run, cotree_re
                                                       const cotree_real *s);
 COTREE_PRIVATE int cotree_reduced_rate(cotree_run *run, cotree_real t, const cotree_real *w,
                                        cotree_real *dw);
-COTREE_PRIVATE int cotree_extended_rate(cotree_run *run, cotree_real t, const cotree_real *w,
-                                        cotree_real *dw);
 /* Replace the stored guesses by the last accepted unknowns if the latest guess is far from them. */
 COTREE_PRIVATE void cotree_forget_far_guesses(cotree_run *run);
 COTREE_PRIVATE int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w);

@@ -205,19 +205,18 @@ int cotree_start_solve_all(cotree_start *start, cotree_real t, cotree_real *z)
 static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
 {
     const cotree_run *const run = start->run;
-    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
+    const int *const starts = MODEL->column_starts;
     const int n = MODEL->n_algebraic, n_rounding = n > PIVOT_ROUNDING ? n : PIVOT_ROUNDING;
     cotree_real *const a = run->matrix.first;
     int i, j, k;
     if (MODEL->jacobian(t, x, run->u, run->p, run->k, run->nonzeros) != 0) return 0;
-    for (i = 0; i < n * n; ++i) a[i] = COTREE_F(0.0);
-    for (j = 0; j < n; ++j) {
-        for (i = starts[N_RATES + j]; i < starts[N_RATES + j + 1]; ++i) {
-            /* Full rank is assumed if the rank cannot be determined. */
-            if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX)) return 1;
-            if (rows[i] >= N_RATES) a[(rows[i] - N_RATES) * n + j] = run->nonzeros[i];
-        }
+    for (i = starts[N_RATES]; i < starts[N_STATES]; ++i) {
+        /* Full rank is assumed if the rank cannot be determined. */
+        if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX)) return 1;
     }
+    /* Rows of the array are columns of the matrix or, in the transpose, its rows. */
+    cotree_lu_load(&run->matrix, COTREE_F(1.0), starts, MODEL->row_indices, run->nonzeros, N_RATES,
+                   1);
     for (k = 0; k < 6; ++k) { /* scale rows and columns alternately, three times */
         const int along = k % 2 == 0 ? 1 : n, across = k % 2 == 0 ? n : 1;
         for (i = 0; i < n; ++i) {

@@ -79,18 +79,14 @@ static int linearise(cotree_real t, const cotree_real *z, void *context)
 /* Factorise the matrix with row exchanges. */
 static int factorise_dense(cotree_stiff *stiff)
 {
-    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
     const int n = N_STATES;
-    int i, j;
+    int i;
     if (n > COTREE_STIFF_DENSE) return COTREE_SINGULAR;
     ++stiff->n_exchanged;
     stiff->is_dense = 1;
-    for (i = 0; i < n * n; ++i) stiff->dense.first[i] = COTREE_F(0.0);
-    for (j = 0; j < n; ++j) {
-        cotree_real *const column = stiff->dense.first + j * n;
-        if (j < N_RATES) column[j] = stiff->shift;
-        for (i = starts[j]; i < starts[j + 1]; ++i) column[rows[i]] -= stiff->values[i];
-    }
+    cotree_lu_load(&stiff->dense, -COTREE_F(1.0), MODEL->column_starts, MODEL->row_indices,
+                   stiff->values, 0, 0);
+    for (i = 0; i < N_RATES; ++i) stiff->dense.first[i + i * n] += stiff->shift;
     return cotree_lu_factorise(&stiff->dense) == 0 ? 0 : COTREE_SINGULAR;
 }
 
