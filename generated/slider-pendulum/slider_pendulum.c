@@ -4,9 +4,6 @@
  */
 #include "slider_pendulum.h"
 
-#include <math.h>
-#include <stddef.h>
-
 /* The n_prepared values that depend only on parameters.
  * Values: 7. Operations: 20. Temporaries: 7. */
 int slider_pendulum_prepare(const double *COTREE_RESTRICT p, double *COTREE_RESTRICT k)

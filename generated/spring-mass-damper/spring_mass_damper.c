@@ -4,9 +4,6 @@
  */
 #include "spring_mass_damper.h"
 
-#include <math.h>
-#include <stddef.h>
-
 /* The n_prepared values that depend only on parameters.
  * Values: 3. Operations: 5. Temporaries: 1. */
 int spring_mass_damper_prepare(const double *COTREE_RESTRICT p, double *COTREE_RESTRICT k)

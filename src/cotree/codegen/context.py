@@ -35,7 +35,6 @@ from cotree.codegen.render import Features
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.multi_output import Function
 from cotree.dag.nodes import ARGUMENT_OF, reachable
-from cotree.dag.operations import OPERATIONS
 from cotree.naming import c_identifier, c_string
 from cotree.quiet import without_collection
 from cotree.version import VERSION
@@ -80,7 +79,6 @@ class KernelFile:
     prefix: str
     generator: str
     digest: str
-    uses_math: bool
     uses_solve: bool
     definite_sizes: list[int]  # sizes of symmetric systems solved by straight-line code
     tables: list[Constants]
@@ -131,7 +129,6 @@ def file_fields(
         "prefix": c_identifier(title),
         "generator": VERSION,
         "digest": hashlib.sha256("\n".join([*lines, *further]).encode()).hexdigest()[:16],
-        "uses_math": bool(solved) or any(map(_is_call, nodes)),
         "uses_solve": bool(solved),
         "definite_sizes": sorted({node.data.size for node in solved if is_written_out(node)}),
         "tables": [
@@ -143,11 +140,6 @@ def file_fields(
         "functions": sorted({node.data.name for node in nodes if isinstance(node.data, Function)}),
         "kernels": kernels,
     }
-
-
-def _is_call(node: Node) -> bool:
-    """Return whether a node calls a function of the C mathematics library."""
-    return node.op == "sines" or (node.op in OPERATIONS and OPERATIONS[node.op].is_call)
 
 
 def kernel_context(

@@ -8,10 +8,7 @@
 #include "cotree_columns.h"
 #include "cotree_events.h"
 
-#include <float.h>
 #include <limits.h>
-#include <math.h>
-#include <stddef.h>
 #include <string.h>
 
 #if defined(_WIN32)

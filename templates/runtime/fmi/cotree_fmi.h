@@ -6,8 +6,6 @@
  * and value references are unsigned. */
 #include "cotree_fmu.h"
 
-#include <math.h>
-
 /* The standards prescribe parameters that units with only real variables do not use. */
 #if defined(__GNUC__) || defined(__clang__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"

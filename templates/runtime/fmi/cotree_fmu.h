@@ -8,8 +8,6 @@
 
 #include "cotree_start_tables.h"
 
-#include <stddef.h>
-
 /* Statuses, with the numbers that both standards assign. */
 #define FMU_OK 0
 #define FMU_DISCARD 2 /* values cannot be computed; a smaller step or other values may succeed */

@@ -27,9 +27,6 @@
 #include "cotree_lu.h"
 #endif
 
-#include <float.h>
-#include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define N_STATES (m->model->n_states)

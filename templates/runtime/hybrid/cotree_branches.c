@@ -4,10 +4,6 @@
  * branches. A step freezes the branches at its start and ends at the first kink. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 /* Release all branches, so that their arguments select them. The bands of steep kinks remain,
  * because they apply on both sides. */
 void cotree_release_branches(cotree_events *e)

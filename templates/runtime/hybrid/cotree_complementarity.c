@@ -21,10 +21,6 @@
  * twice; if pivoting fails, all mode sets of a small problem are enumerated. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_HAS_MODES
 /* Step fraction of a row that reaches no limit: above 1, so that rows at a limit change first. */
 #define FRACTION_NO_LIMIT COTREE_F(2.0)

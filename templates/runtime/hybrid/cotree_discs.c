@@ -5,10 +5,6 @@
  * direction of the slip after the impact. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_HAS_DISCS
 /* Maximum number of iterations for the sliding directions. */
 #define MAX_ROTATIONS 200

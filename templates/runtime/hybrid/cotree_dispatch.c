@@ -1,10 +1,6 @@
 /* cotree_dispatch.c: application of simultaneous events, and of the events that they trigger. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 /* Return whether a crossing towards the given side has the direction of the event. */
 int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side)
 {

@@ -1,10 +1,6 @@
 /* cotree_events.c: the search for events after each step of one integration. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 /* Limits of the interpolation error, in tolerances. A step is refined above the first limit if an
  * event function is close to zero, and above the second limit before a crossing is located. */
 #define COARSE_TOLERANCES COTREE_F(1e3)

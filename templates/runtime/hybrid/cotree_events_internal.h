@@ -5,10 +5,6 @@
 #include "cotree_bounds.h"
 #include "cotree_events.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 /* Number of samples of each step: both ends and three points between them. */
 #define SAMPLES 5
 

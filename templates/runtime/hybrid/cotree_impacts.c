@@ -8,10 +8,6 @@
  * rate. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_HAS_MODES
 /* Modes passed to the kernels in an impact. The mode of a stop with an impulse is twice the sign of
  * its limit; friction that sticks at its contact has mode KERNEL_STICKS. */

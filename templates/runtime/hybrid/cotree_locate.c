@@ -2,10 +2,6 @@
 #include "cotree_events_internal.h"
 #include "cotree_classical.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 typedef cotree_real (*value_function)(cotree_events *e, int i, cotree_real t);
 
 cotree_real cotree_spacing(cotree_real t)

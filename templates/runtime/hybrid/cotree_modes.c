@@ -5,10 +5,6 @@
  * the direction of its slip, and any other stop is open. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_HAS_MODES
 /* Growth factor of the zero level of a force at its limit, applied each time the force crosses zero
  * without effect. */

@@ -1,10 +1,6 @@
 /* cotree_rows.c: the rows of a model, and their state at a point. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_HAS_MODES
 /* Fraction by which states are changed to find the magnitude of the terms of gaps, and the fraction
  * by which that change varies from state to state. */

@@ -6,10 +6,6 @@
  * crosses zero. */
 #include "cotree_events_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 int cotree_has_range(const cotree_events *e, int i) { return e->events[i].range >= 0; }
 
 /* Return the quantities from the last evaluation. */

@@ -1,8 +1,6 @@
 /* cotree_breakpoints.c: time events, at which functions of time have a kink or a jump. */
 #include "cotree_breakpoints.h"
 
-#include <stddef.h>
-
 /* Relative tolerance of times: a few rounding errors. */
 #define SLACK (COTREE_F(16.0) * COTREE_EPSILON)
 
