@@ -29,17 +29,17 @@ static cotree_real product(const cotree_real *x, const cotree_real *y, int n, in
     return sum;
 }
 
-/* Factorise A = L Q. Each step normalises the longest remaining row as the next row of Q and
- * subtracts its component from all rows. */
-static void factorise_rows(cotree_least *a, cotree_real size)
+/* Continue the factorisation A = L Q. Each step normalises the longest remaining row as the next
+ * row of Q and subtracts its component from all rows. */
+int cotree_least_extend(cotree_least *a, int first, int end, cotree_real least)
 {
     const int n = a->n_columns, stride = a->stride;
     int i, k, r;
-    for (a->rank = 0; a->rank < a->n_rows && a->rank < n; ++a->rank) {
+    for (; a->rank < a->n_rows && a->rank < n; ++a->rank) {
         cotree_real *const q = a->basis + a->rank * n;
         cotree_real longest = COTREE_F(0.0), length;
-        int pivot = 0;
-        for (r = 0; r < a->n_rows; ++r) {
+        int pivot = first;
+        for (r = first; r < end; ++r) {
             length = product(a->rows + r * n, a->rows + r * n, n, 1);
             if (length > longest) {
                 longest = length;
@@ -47,8 +47,8 @@ static void factorise_rows(cotree_least *a, cotree_real size)
             }
         }
         length = COTREE_SQRT(longest);
-        if (a->rank == 0) size = COTREE_FMAX(size, length);
-        if (!(length > COTREE_F(0.0) && length > COTREE_RANK * size)) break;
+        if (a->rank == 0) least = COTREE_FMAX(least, COTREE_RANK * length);
+        if (!(length > least)) break;
         for (i = 0; i < n; ++i) q[i] = a->rows[pivot * n + i] / length;
         for (r = 0; r < a->n_rows; ++r) {
             cotree_real *const row = a->rows + r * n;
@@ -62,6 +62,7 @@ static void factorise_rows(cotree_least *a, cotree_real size)
         }
         for (i = 0; i < n; ++i) a->rows[pivot * n + i] = COTREE_F(0.0);
     }
+    return a->rank;
 }
 
 /* Factorise L = U R in place; the columns of L are independent. */
@@ -89,7 +90,8 @@ static void factorise_columns(cotree_least *a)
 int cotree_least_factorise(cotree_least *a, int n_rows, cotree_real size)
 {
     a->n_rows = n_rows;
-    factorise_rows(a, size);
+    a->rank = 0;
+    cotree_least_extend(a, 0, n_rows, COTREE_RANK * size);
     factorise_columns(a);
     return a->rank;
 }

@@ -32,6 +32,11 @@ void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_are
  * or to size if that is larger. */
 int cotree_least_factorise(cotree_least *a, int n_rows, cotree_real size);
 
+/* Continue a factorisation with the rows from first to end - 1 that are independent of those
+ * already factorised: with remainders above least or, for the first one, above COTREE_RANK times
+ * its own length. Return the rank. */
+int cotree_least_extend(cotree_least *a, int first, int end, cotree_real least);
+
 /* Return the smallest singular value of the rows, or 0 if they are dependent. x: work space of
  * n_rows numbers. */
 cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x);

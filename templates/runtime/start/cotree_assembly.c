@@ -36,7 +36,7 @@ void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_asse
     a->culprit = a->column = -1;
     a->is_kept = cotree_arena_ints(arena, n);
     a->places = cotree_arena_ints(arena, n_all);
-    a->is_free = cotree_arena_ints(arena, tables->n_speeds);
+    a->value_of = cotree_arena_ints(arena, tables->n_speeds);
     a->residual = cotree_arena_reals(arena, model->n_constraints);
     a->conditions = cotree_arena_reals(arena, tables->n_start);
     a->gradient = cotree_arena_reals(arena, tables->n_rows * tables->n_speeds);
@@ -138,18 +138,27 @@ void cotree_assembly_list_rows(cotree_assembly *a, int level, int has_conditions
     }
 }
 
-/* Mark the free motion directions; return their number. */
-static int mark_free_directions(cotree_assembly *a, int level)
+/* List the prescribed state that fixes each motion direction, or -1 if it is free; for a
+ * quaternion, the state with the lowest rank. Return the number of free directions. */
+static int list_values(cotree_assembly *a, int level)
 {
     int i, k, n_free = 0, speed = 0, state = 0;
     while (speed < N_SPEEDS) {
         const int is_turning = level == 0 && cotree_assembly_is_quaternion(a, state);
-        int is_free = 1;
+        int value = -1;
         if (level == 1) state = N_COORDINATES + speed;
-        for (k = 0; k < (is_turning ? 4 : 1); ++k) is_free = is_free && !a->is_kept[state + k];
+        for (k = 0; k < (is_turning ? 4 : 1); ++k) {
+            if (!a->is_kept[state + k]) continue;
+#if COTREE_HAS_MENDING
+            if (a->report != NULL && value >= 0 &&
+                a->report->ranks[state + k] >= a->report->ranks[value])
+                continue;
+#endif
+            value = state + k;
+        }
         for (i = 0; i < (is_turning ? 3 : 1); ++i) {
-            a->is_free[speed++] = is_free;
-            n_free += is_free;
+            a->value_of[speed++] = value;
+            n_free += value < 0;
         }
         state += is_turning ? 4 : 1;
     }
@@ -221,7 +230,7 @@ int cotree_assembly_factorise(cotree_assembly *a, cotree_real *largest)
         for (i = 0; i < N_SPEEDS; ++i) {
             const cotree_real entry = gradient[i] * cotree_assembly_unit_of_speed(a, i) / unit;
             square += entry * entry;
-            row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
+            row[i] = a->value_of[i] < 0 ? entry : COTREE_F(0.0);
             /* Also true for nan. */
             if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]);
         }
@@ -366,7 +375,7 @@ cotree_real cotree_pseudo_random(int n)
 /* Project the states of a level onto its constraints. */
 static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
 {
-    const int n_free = mark_free_directions(a, level);
+    const int n_free = list_values(a, level);
     const cotree_real met = RESIDUAL_TOLERANCE * size_of(a, x, level);
     cotree_real residual, other = COTREE_F(0.0);
     int i, n, status;
@@ -381,8 +390,9 @@ static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int 
         if (residual <= met) return 0;
         cotree_assembly_copy(N_STATES, a->aside, a->trial);
         for (i = 0; i < N_SPEEDS; ++i)
-            a->step[i] = a->is_free[i] ? RESTART_DISTANCE * cotree_pseudo_random(n * N_SPEEDS + i)
-                                       : COTREE_F(0.0);
+            a->step[i] = a->value_of[i] < 0
+                             ? RESTART_DISTANCE * cotree_pseudo_random(n * N_SPEEDS + i)
+                             : COTREE_F(0.0);
         status = apply_step(a, 0, a->step, a->trial);
         if (status == 0) status = cotree_assembly_iterate(a, t, a->trial, 0, &other);
         if (status == 0 && other < (COTREE_F(1.0) - COTREE_SMALL_CORRECTION) * residual) {
@@ -420,7 +430,7 @@ int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_re
     for (level = 0; level < 2; ++level) {
         const int first = level == 0 ? 0 : N_COORDINATES;
         const int n = level == 0 ? N_COORDINATES : N_SPEEDS;
-        const int n_free = mark_free_directions(a, level);
+        const int n_free = list_values(a, level);
         cotree_real moved = COTREE_F(0.0), largest;
         for (i = first; i < first + n; ++i)
             moved = COTREE_FMAX(moved, COTREE_FABS(cotree_assembly_scaled(a, to, i) -
@@ -437,20 +447,31 @@ int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_re
     return 0;
 }
 
+/* Return the dimensionless derivative of a row along a motion direction. */
+cotree_real cotree_assembly_entry_of(const cotree_assembly *a, int row, int speed)
+{
+    return cotree_assembly_gradient_of(a, row)[speed] * cotree_assembly_unit_of_speed(a, speed) /
+           cotree_assembly_unit_of_row(a, row);
+}
+
+/* Return the part of a row's change that the step does not cancel. */
+cotree_real cotree_assembly_remainder_of(const cotree_assembly *a, int row, cotree_real change)
+{
+    int i;
+    for (i = 0; i < N_SPEEDS; ++i) change += cotree_assembly_entry_of(a, row, i) * a->step[i];
+    return change;
+}
+
 /* Compute the step that cancels the changes of the listed rows, which are in `values`. Return
  * whether a remainder exceeds its bound; culprit is the row with the largest remainder. */
 static int cancel_changes(cotree_assembly *a, cotree_real allowed)
 {
     cotree_real most = COTREE_F(0.0);
-    int i, r;
+    int r;
     cotree_least_solve(&a->least, a->values, a->step);
     allowed += REMAINDER_SHARE * cotree_assembly_largest_of(a->values, a->n_own);
     for (r = 0; r < a->n_own; ++r) {
-        const cotree_real *const gradient = cotree_assembly_gradient_of(a, a->places[r]);
-        const cotree_real unit = cotree_assembly_unit_of_row(a, a->places[r]);
-        cotree_real left = a->values[r];
-        for (i = 0; i < N_SPEEDS; ++i)
-            left += gradient[i] * cotree_assembly_unit_of_speed(a, i) / unit * a->step[i];
+        const cotree_real left = cotree_assembly_remainder_of(a, a->places[r], a->values[r]);
         if (!(COTREE_FABS(left) <= most)) {
             most = COTREE_FABS(left);
             a->culprit = a->places[r];
@@ -485,7 +506,7 @@ int cotree_assembly_follow(cotree_assembly *a, cotree_real t, const cotree_real 
     cotree_real largest;
     int r, status = cotree_assembly_compute_gradients(a, t, x);
     if (status != 0) return status;
-    mark_free_directions(a, level);
+    list_values(a, level);
     cotree_assembly_list_rows(a, level, 1);
     if (a->n_own == 0) return 0;
     cotree_assembly_factorise(a, &largest);
@@ -563,7 +584,7 @@ int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const 
     if (a->tables->n_rows + a->tables->n_conditions == 0) return 0;
     status = cotree_assembly_compute_gradients(a, t, x);
     for (level = 0; level < 2 && status == 0; ++level) {
-        mark_free_directions(a, level);
+        list_values(a, level);
         if (MODEL->n_constraints > 0)
             status = MODEL->constraint_sensitivity(t, x, s, run->u, run->p, run->k, a->slopes);
         if (status == 0 && a->tables->n_conditions > 0)

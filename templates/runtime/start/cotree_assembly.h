@@ -34,7 +34,8 @@ typedef struct cotree_assembly {
     int culprit;        /* after a failure: row with the largest residual, or -1 */
     int column;         /* index of the sensitivity that is undefined */
     /* The rest is private. */
-    int n_own, *places, *is_free;
+    int n_own, *places;
+    int *value_of;              /* n_speeds: prescribed state that fixes the direction, or -1 */
     int level;                  /* level of the current assembly: 0 coordinates, 1 speeds */
     cotree_real left, smallest; /* largest residual at the current point; minimum of these so far */
     cotree_real *residual, *conditions, *gradient, *start_gradient, *slopes, *start_slopes;
@@ -49,10 +50,9 @@ typedef struct cotree_assembly {
     int has_way, n_chosen;
     int *is_giving;  /* n_speeds: 1 if the prescribed value of this direction changes */
     int *is_dropped; /* n_conditions: 1 if the condition is dropped */
-    int *value_of;   /* n_speeds: prescribed value that fixes the direction, or -1 */
     int *candidates, *is_chosen;
-    cotree_real *moves, *spanned, *target, *extra, *found;
-    cotree_least given;
+    cotree_real *target, *extra, *found;
+    cotree_least given, span; /* span: changes of the residuals by all prescribed values */
 #endif
 } cotree_assembly;
 

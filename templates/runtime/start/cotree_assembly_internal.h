@@ -40,6 +40,9 @@ COTREE_PRIVATE cotree_real cotree_assembly_largest_of(const cotree_real *x, int 
 COTREE_PRIVATE void cotree_assembly_copy(int n, const cotree_real *from, cotree_real *to);
 COTREE_PRIVATE int cotree_assembly_iterate(cotree_assembly *a, cotree_real t, cotree_real *x,
                                            int level, cotree_real *residual);
+COTREE_PRIVATE cotree_real cotree_assembly_entry_of(const cotree_assembly *a, int row, int speed);
+COTREE_PRIVATE cotree_real cotree_assembly_remainder_of(const cotree_assembly *a, int row,
+                                                        cotree_real change);
 COTREE_PRIVATE cotree_real cotree_assembly_change_of(const cotree_assembly *a, int row, int column);
 
 /* Defined in cotree_assembly_mend.c: */

@@ -26,15 +26,13 @@ void cotree_assembly_report_to(cotree_assembly *a, cotree_start_report *report, 
     a->report = report;
     a->is_giving = cotree_arena_ints(arena, N_SPEEDS);
     a->is_dropped = cotree_arena_ints(arena, N_CONDITIONS);
-    a->value_of = cotree_arena_ints(arena, N_SPEEDS);
     a->candidates = cotree_arena_ints(arena, n_most);
     a->is_chosen = cotree_arena_ints(arena, n_most);
-    a->moves = cotree_arena_reals(arena, n_most * n_all);
-    a->spanned = cotree_arena_reals(arena, n_all * n_all);
     a->target = cotree_arena_reals(arena, n_all);
     a->extra = cotree_arena_reals(arena, N_SPEEDS);
     a->found = cotree_arena_reals(arena, MODEL->n_states);
     cotree_least_init(&a->given, n_all, N_SPEEDS, arena);
+    cotree_least_init(&a->span, n_most, n_all, arena);
 }
 
 void cotree_assembly_start_report(cotree_assembly *a, int level, const cotree_real *x)
@@ -45,32 +43,6 @@ void cotree_assembly_start_report(cotree_assembly *a, int level, const cotree_re
     if (a->is_probe) return;
     a->report->length = a->length;
     cotree_assembly_copy(n, x + first, a->report->before + first);
-}
-
-/* Return the dimensionless derivative of a row along a motion direction. */
-static cotree_real entry_of(const cotree_assembly *a, int row, int speed)
-{
-    return cotree_assembly_gradient_of(a, row)[speed] * cotree_assembly_unit_of_speed(a, speed) /
-           cotree_assembly_unit_of_row(a, row);
-}
-
-/* List the prescribed value that fixes each motion direction; for a quaternion, the value with the
- * lowest rank. */
-static void list_values(cotree_assembly *a, int level)
-{
-    const int *const ranks = a->report->ranks;
-    int i, k, speed = 0, state = 0;
-    while (speed < N_SPEEDS) {
-        const int is_turning = level == 0 && cotree_assembly_is_quaternion(a, state);
-        int value = -1;
-        if (level == 1) state = N_COORDINATES + speed;
-        for (k = 0; k < (is_turning ? 4 : 1); ++k) {
-            if (a->is_kept[state + k] && (value < 0 || ranks[state + k] < ranks[value]))
-                value = state + k;
-        }
-        for (i = 0; i < (is_turning ? 3 : 1); ++i) a->value_of[speed++] = value;
-        state += is_turning ? 4 : 1;
-    }
 }
 
 /* Insert a value into the n candidates, which are sorted by descending rank. The value `last`
@@ -91,11 +63,10 @@ static int add_candidate(cotree_assembly *a, int n, int value, int last)
     return n + 1;
 }
 
-/* List the candidates of a level; return their number. */
-static int list_candidates(cotree_assembly *a, int level, int last)
+/* List the candidates; return their number. */
+static int list_candidates(cotree_assembly *a, int last)
 {
     int i, n = 0;
-    list_values(a, level);
     for (i = 0; i < N_SPEEDS; ++i) {
         if (a->value_of[i] >= 0) n = add_candidate(a, n, a->value_of[i], last);
     }
@@ -106,74 +77,51 @@ static int list_candidates(cotree_assembly *a, int level, int last)
     return n;
 }
 
-/* Return the change of the residuals by motion direction i, without the part that free directions
- * can cancel. Indices from N_SPEEDS on are conditions. */
-static cotree_real *move_of(const cotree_assembly *a, int i)
-{
-    return a->moves + i * (a->tables->n_rows + N_CONDITIONS);
-}
-
 /* Return whether direction or condition i belongs to a prescribed value. */
 static int belongs_to(const cotree_assembly *a, int i, int value)
 {
     return i < N_SPEEDS ? a->value_of[i] == value : i - N_SPEEDS == value - N_STATES;
 }
 
-/* Compute the changes that move_of returns. Return the largest norm of a candidate's changes. */
+/* Compute the changes of the residuals by each motion direction, then by each condition, without
+ * the parts that free directions can cancel, as the rows of a->span. Return the largest norm of a
+ * candidate's changes. */
 static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
 {
     cotree_real largest = COTREE_F(0.0);
     int i, k, r;
-    for (i = 0; i < N_SPEEDS + N_CONDITIONS; ++i) {
-        cotree_real *const move = move_of(a, i);
+    a->span.rank = 0;
+    a->span.n_rows = N_SPEEDS + N_CONDITIONS;
+    a->span.n_columns = a->n_own;
+    for (i = 0; i < a->span.n_rows; ++i) {
+        cotree_real *const move = a->span.rows + i * a->n_own;
         for (r = 0; r < a->n_own; ++r) {
-            move[r] = i < N_SPEEDS ? entry_of(a, a->places[r], i)
+            move[r] = i < N_SPEEDS ? cotree_assembly_entry_of(a, a->places[r], i)
                                    : (cotree_real)(a->places[r] - FIRST_CONDITION == i - N_SPEEDS);
         }
         cotree_least_reject(&a->least, move, 1);
     }
     for (k = 0; k < n_candidates; ++k) {
         cotree_real sum = COTREE_F(0.0);
-        for (i = 0; i < N_SPEEDS + N_CONDITIONS; ++i) {
+        for (i = 0; i < a->span.n_rows; ++i) {
+            const cotree_real *const move = a->span.rows + i * a->n_own;
             if (!belongs_to(a, i, a->candidates[k])) continue;
-            for (r = 0; r < a->n_own; ++r) sum += move_of(a, i)[r] * move_of(a, i)[r];
+            for (r = 0; r < a->n_own; ++r) sum += move[r] * move[r];
         }
         largest = COTREE_FMAX(largest, COTREE_SQRT(sum));
     }
     return largest;
 }
 
-/* Extend the orthonormal basis a->spanned by the changes of a value that are outside its span by
- * more than `least`. Return whether there are any. */
-static int extend_basis(cotree_assembly *a, int value, cotree_real least, int *n_spanned)
+/* Add the changes of a value, which are adjacent rows, to the span if they are outside it by more
+ * than `least`. Return whether there are any. */
+static int extend_span(cotree_assembly *a, int value, cotree_real least)
 {
-    int i, k, r, longest, n_added = 0;
-    do {
-        cotree_real size = least;
-        cotree_real *const next = a->spanned + *n_spanned * a->n_own;
-        longest = -1;
-        for (i = 0; i < N_SPEEDS + N_CONDITIONS && *n_spanned < a->n_own; ++i) {
-            cotree_real *const move = move_of(a, i);
-            cotree_real sum = COTREE_F(0.0);
-            if (!belongs_to(a, i, value)) continue;
-            for (k = 0; k < 2 * *n_spanned; ++k) { /* orthogonalises twice, see cotree_least.c */
-                const cotree_real *const q = a->spanned + k % *n_spanned * a->n_own;
-                cotree_real along = COTREE_F(0.0);
-                for (r = 0; r < a->n_own; ++r) along += q[r] * move[r];
-                for (r = 0; r < a->n_own; ++r) move[r] -= along * q[r];
-            }
-            for (r = 0; r < a->n_own; ++r) sum += move[r] * move[r];
-            if (COTREE_SQRT(sum) > size) {
-                size = COTREE_SQRT(sum);
-                longest = i;
-            }
-        }
-        if (longest < 0) break;
-        for (r = 0; r < a->n_own; ++r) next[r] = move_of(a, longest)[r] / size;
-        ++*n_spanned;
-        ++n_added;
-    } while (n_added < N_SPEEDS);
-    return n_added > 0;
+    const int rank = a->span.rank;
+    int end, first = 0;
+    while (!belongs_to(a, first, value)) ++first;
+    for (end = first + 1; end < a->span.n_rows && belongs_to(a, end, value);) ++end;
+    return cotree_least_extend(&a->span, first, end, least) > rank;
 }
 
 static void change_value(cotree_assembly *a, int value)
@@ -192,18 +140,18 @@ static void fix_all_values(cotree_assembly *a)
 
 /* Choose the prescribed values that change; the gradients of the listed rows must be factorised.
  * Return whether a value was chosen. */
-static int choose_values(cotree_assembly *a, int level, int last)
+static int choose_values(cotree_assembly *a, int last)
 {
-    const int n = list_candidates(a, level, last);
+    const int n = list_candidates(a, last);
     cotree_real least = COTREE_RANK * a->longest, largest;
-    int i, pass, n_spanned = 0, n_chosen = 0;
+    int i, pass, n_chosen = 0;
     if (a->least.rank == a->n_own) return 0;
     largest = compute_moves(a, n);
     for (i = 0; i < n; ++i) a->is_chosen[i] = 0;
     for (pass = 0; pass < 2; ++pass) {
         const cotree_real size = pass == 0 ? COTREE_FMAX(least, APART * largest) : least;
         for (i = 0; i < n; ++i) {
-            if (a->is_chosen[i] || !extend_basis(a, a->candidates[i], size, &n_spanned)) continue;
+            if (a->is_chosen[i] || !extend_span(a, a->candidates[i], size)) continue;
             a->is_chosen[i] = 1;
             change_value(a, a->candidates[i]);
             ++n_chosen;
@@ -218,7 +166,8 @@ void cotree_assembly_factorise_given(cotree_assembly *a, cotree_real *largest)
     for (i = 0; i < N_SPEEDS; ++i) {
         cotree_real *const column = a->given.rows + i;
         for (r = 0; r < a->n_own; ++r) {
-            column[r * N_SPEEDS] = a->is_giving[i] ? entry_of(a, a->places[r], i) : COTREE_F(0.0);
+            column[r * N_SPEEDS] =
+                a->is_giving[i] ? cotree_assembly_entry_of(a, a->places[r], i) : COTREE_F(0.0);
             if (!(COTREE_FABS(column[r * N_SPEEDS]) <= *largest))
                 *largest = COTREE_FABS(column[r * N_SPEEDS]); /* also true for nan */
         }
@@ -238,7 +187,8 @@ void cotree_assembly_solve_given(cotree_assembly *a)
     for (r = 0; r < a->n_own; ++r) {
         a->target[r] = a->values[r];
         for (i = 0; i < N_SPEEDS; ++i) {
-            if (a->is_giving[i]) a->target[r] += entry_of(a, a->places[r], i) * a->extra[i];
+            if (a->is_giving[i])
+                a->target[r] += cotree_assembly_entry_of(a, a->places[r], i) * a->extra[i];
         }
     }
     cotree_least_solve(&a->least, a->target, a->step);
@@ -309,7 +259,7 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
             status = cotree_assembly_compute_gradients(a, t, x);
             if (status != 0) break;
             cotree_assembly_factorise(a, &largest);
-            has_way = choose_values(a, level, -1);
+            has_way = choose_values(a, -1);
         } else { /* second attempt: any prescribed state may change; no condition is dropped */
             for (i = 0; i < N_SPEEDS; ++i) {
                 a->is_giving[i] = a->value_of[i] >= 0;
@@ -334,10 +284,7 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
 /* Return the part of a row's change along a sensitivity that the step does not cancel. */
 static cotree_real remainder_of(const cotree_assembly *a, int row, int column)
 {
-    cotree_real left = cotree_assembly_change_of(a, row, column);
-    int i;
-    for (i = 0; i < N_SPEEDS; ++i) left += entry_of(a, row, i) * a->step[i];
-    return left;
+    return cotree_assembly_remainder_of(a, row, cotree_assembly_change_of(a, row, column));
 }
 
 /* Report which prescribed values change with a parameter. */
@@ -364,7 +311,7 @@ int cotree_assembly_follow_with_given(cotree_assembly *a, int level, int column,
     cotree_real largest;
     int r, is_left = 0;
     allowed += REMAINDER_SHARE * cotree_assembly_largest_of(a->values, a->n_own);
-    (void)choose_values(a, level, seed < 0 ? -1 - seed : -1);
+    (void)choose_values(a, seed < 0 ? -1 - seed : -1);
     cotree_assembly_list_rows(a, level, has_conditions);
     for (r = 0; r < a->n_own; ++r)
         a->values[r] = cotree_assembly_change_of(a, a->places[r], column);
