@@ -138,9 +138,7 @@ int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_row *rows, int n_ro
     cotree_real *const x = j->before;
     int i, n, status;
     t = cotree_run_inside(run, t);
-    status = cotree_run_find(run, t, w);
-    for (i = 0; i < run->n_full; ++i) j->before[i] = j->after[i] = run->full[i];
-    if (status == 0) status = cotree_compute_rates_at(j, t, x);
+    status = cotree_find_before(j, t, w);
     if (status == 0) status = MODEL->jumps(t, x, run->u, run->p, run->k, j->new_values);
     if (status == 0 && N_SENSITIVITIES > 0) {
         status =

@@ -27,19 +27,13 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
     const cotree_hybrid *const h = model->hybrid;
     const int n = model->n_states, m = run->n_blocks - 1, n_values = h->n_events + h->n_jumps;
 #if COTREE_HAS_CONSTRAINTS
-    const cotree_assembly_tables constraints = {h->n_coordinates,
-                                                h->n_speeds,
-                                                h->n_values,
-                                                h->n_rows,
-                                                h->value_rows,
-                                                h->n_quaternions,
-                                                h->quaternions,
-                                                0,
-                                                NULL,
-                                                0,
-                                                NULL,
-                                                0,
-                                                NULL};
+    const cotree_assembly_tables constraints = {.n_coordinates = h->n_coordinates,
+                                                .n_speeds = h->n_speeds,
+                                                .n_values = h->n_values,
+                                                .n_rows = h->n_rows,
+                                                .value_rows = h->value_rows,
+                                                .n_quaternions = h->n_quaternions,
+                                                .quaternions = h->quaternions};
 #endif
     j->run = run;
     j->hybrid = h;
@@ -88,7 +82,7 @@ int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box, 
 }
 
 /* Compute state_rates (of all states) and rates at a complete point. */
-int cotree_compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x)
+static int compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x)
 {
     cotree_run *const run = j->run;
     const int n_rated = run->n_rates;
@@ -112,7 +106,7 @@ int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w)
     int status;
     t = cotree_run_inside(j->run, t);
     status = cotree_run_find_states(j->run, t, w);
-    return status != 0 ? status : cotree_compute_rates_at(j, t, j->run->full);
+    return status != 0 ? status : compute_rates_at(j, t, j->run->full);
 }
 
 #if COTREE_HAS_CONSTRAINTS
@@ -224,14 +218,21 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
     return status == 0 ? cotree_jumps_state_rates(j, t, x, other) : status;
 }
 
-/* Evaluate the states, the rates, and the derivatives of the event functions before an event. */
-static int evaluate_before(cotree_jumps *j, cotree_real t, cotree_real *w)
+/* Evaluate the states and the rates before an event. */
+int cotree_find_before(cotree_jumps *j, cotree_real t, const cotree_real *w)
 {
-    cotree_run *const run = j->run;
-    cotree_real *const x = j->before;
-    int i, status = cotree_run_find(run, t, w);
+    const cotree_run *const run = j->run;
+    int i, status = cotree_run_find(j->run, t, w);
     for (i = 0; i < run->n_full; ++i) j->before[i] = j->after[i] = run->full[i];
-    if (status == 0) status = cotree_compute_rates_at(j, t, x);
+    return status == 0 ? compute_rates_at(j, t, j->before) : status;
+}
+
+/* As cotree_find_before, with the derivatives of the event functions. */
+static int evaluate_before(cotree_jumps *j, cotree_real t, const cotree_real *w)
+{
+    const cotree_run *const run = j->run;
+    const cotree_real *const x = j->before;
+    const int status = cotree_find_before(j, t, w);
     if (status != 0 || N_SENSITIVITIES == 0) return status;
     return MODEL->event_sensitivity(t, x, x + N_STATES, run->u, run->p, run->k, j->value_slopes);
 }
@@ -346,12 +347,9 @@ void cotree_rows_store(const cotree_row *rows, int n_rows, int is_impact, cotree
 int cotree_jumps_set_modes(cotree_jumps *j, const cotree_row *rows, int n_rows, cotree_real t,
                            cotree_real *w)
 {
-    cotree_run *const run = j->run;
-    int i, status;
-    t = cotree_run_inside(run, t);
-    status = cotree_run_find(run, t, w);
-    for (i = 0; i < run->n_full; ++i) j->before[i] = j->after[i] = run->full[i];
-    if (status == 0) status = cotree_compute_rates_at(j, t, j->before);
+    int status;
+    t = cotree_run_inside(j->run, t);
+    status = cotree_find_before(j, t, w);
     if (status != 0) return status;
     cotree_rows_store(rows, n_rows, 0, j->after);
     return cotree_complete_event(j, &no_event, t, w);
