@@ -9,28 +9,29 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* COTREE_F(x): literal of the floating-point type. COTREE_SELECT(a, b): a in double precision, b
- * in single precision. */
+/* COTREE_F(x): literal of the floating-point type, or name of its version of a C library function.
+ * COTREE_SELECT(a, b): a in double precision, b in single precision. */
 typedef double cotree_real;
 #define COTREE_F(x) x
 #define COTREE_SELECT(in_double, in_single) in_double
-#define COTREE_EPSILON DBL_EPSILON
-#define COTREE_MIN DBL_MIN
-#define COTREE_MAX DBL_MAX
-#define COTREE_MANT_DIG DBL_MANT_DIG
+#define COTREE_LIMIT(name) DBL_##name
 #define COTREE_INFINITY HUGE_VAL
-#define COTREE_EXP exp
-#define COTREE_FABS fabs
-#define COTREE_FLOOR floor
-#define COTREE_FMAX fmax
-#define COTREE_FMIN fmin
-#define COTREE_FMOD fmod
-#define COTREE_LOG log
-#define COTREE_SIN sin
-#define COTREE_COS cos
-#define COTREE_SQRT sqrt
-#define COTREE_NEXTAFTER nextafter
 #define COTREE_STRTOD strtod
+#define COTREE_EPSILON COTREE_LIMIT(EPSILON)
+#define COTREE_MIN COTREE_LIMIT(MIN)
+#define COTREE_MAX COTREE_LIMIT(MAX)
+#define COTREE_MANT_DIG COTREE_LIMIT(MANT_DIG)
+#define COTREE_EXP COTREE_F(exp)
+#define COTREE_FABS COTREE_F(fabs)
+#define COTREE_FLOOR COTREE_F(floor)
+#define COTREE_FMAX COTREE_F(fmax)
+#define COTREE_FMIN COTREE_F(fmin)
+#define COTREE_FMOD COTREE_F(fmod)
+#define COTREE_LOG COTREE_F(log)
+#define COTREE_SIN COTREE_F(sin)
+#define COTREE_COS COTREE_F(cos)
+#define COTREE_SQRT COTREE_F(sqrt)
+#define COTREE_NEXTAFTER COTREE_F(nextafter)
 
 /* Declarations between these macros have C linkage in C++. */
 #ifdef __cplusplus
