@@ -242,11 +242,11 @@ static int store_at(cotree_job *job, cotree_real t)
     return status != COTREE_OK ? status : store_point(job, t, w, is_exact);
 }
 
-/* Store the wanted points up to a time. */
+/* Store the wanted points up to a time. Without any, all points are wanted: store none here. */
 static int store_wanted(cotree_job *job, cotree_real t_end)
 {
     int status = COTREE_OK;
-    while (job->n_kept < job->n_wanted && status == COTREE_OK) {
+    while (job->wanted != NULL && job->n_kept < job->n_wanted && status == COTREE_OK) {
         const cotree_real t = job->wanted[job->n_kept];
         if (cotree_job_ahead(job) * (t - t_end) > COTREE_F(0.0)) break;
         status = store_at(job, t);
@@ -292,7 +292,7 @@ static int fail(cotree_job *job, int status)
     job->status = status;
     if (STEPPER->blame != NULL) STEPPER->blame(job, status);
     /* Store wanted points before the last valid point. */
-    if (job->wanted != NULL && ENGINE->is_running) store_wanted(job, job->t);
+    if (ENGINE->is_running) store_wanted(job, job->t);
     write_result(job);
     return COTREE_JOB_FAILED;
 }
@@ -317,7 +317,7 @@ static int is_method_change_worthwhile(const cotree_job *job)
 /* Return to the caller. This or another method can continue from the current point. */
 static int return_stiff(cotree_job *job)
 {
-    const int status = job->wanted != NULL ? store_wanted(job, job->t) : COTREE_OK;
+    const int status = store_wanted(job, job->t);
     if (status != COTREE_OK) return fail(job, status);
     write_result(job);
     return COTREE_JOB_STIFF;
@@ -497,10 +497,7 @@ static int apply_breakpoint_events(cotree_job *job)
 static int apply_found_events(cotree_job *job)
 {
     cotree_events *const events = &ENGINE->events;
-    int status = COTREE_OK;
-    if (job->wanted != NULL) {
-        status = store_wanted(job, events->t - cotree_job_ahead(job) * events->margin);
-    }
+    int status = store_wanted(job, events->t - cotree_job_ahead(job) * events->margin);
     job->t = events->t;
 #if COTREE_HAS_ALGEBRAIC
     ENGINE->run->t_branch = -COTREE_INFINITY; /* the unknowns may jump */
@@ -680,8 +677,7 @@ static void return_to(cotree_job *job, cotree_real start)
 /* Repeat a failed step towards another goal. status: reason of the failure. */
 static int restart_towards(cotree_job *job, cotree_real goal, int status)
 {
-    int result = COTREE_OK;
-    if (job->wanted != NULL) result = store_wanted(job, job->t);
+    int result = store_wanted(job, job->t);
     ENGINE->is_repeated = 1;
     ENGINE->goal = goal;
     if (result == COTREE_OK) result = restart(job);
@@ -728,8 +724,7 @@ static int repeat_step(cotree_job *job, cotree_real start, int status)
 /* Store the wanted points of the last step, enter a singular stretch and restart. */
 static int change_stretch(cotree_job *job, cotree_stretch stretch)
 {
-    int status = COTREE_OK;
-    if (job->wanted != NULL && ENGINE->is_running) status = store_wanted(job, job->t);
+    int status = ENGINE->is_running ? store_wanted(job, job->t) : COTREE_OK;
     if (status != COTREE_OK) return fail(job, status);
     cotree_singularity_enter(ENGINE->singularity, job, stretch, cotree_job_ahead(job));
     status = restart_stepper(job);
@@ -881,7 +876,7 @@ static int advance(cotree_job *job)
         int found = find_events(job, start, end);
         if (found == COTREE_EVENTS_FOUND) return continue_after_events(job);
         if (found == COTREE_EVENTS_NONE && e->events.leaves_branch) {
-            status = job->wanted != NULL ? store_wanted(job, job->t) : COTREE_OK;
+            status = store_wanted(job, job->t);
             if (status != COTREE_OK) return fail(job, status);
             found = cotree_events_change_branches(&e->events);
         }
