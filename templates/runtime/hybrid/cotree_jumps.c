@@ -1,5 +1,14 @@
 /* cotree_jumps.c: evaluation of event functions, and of states and sensitivities after events. */
-#include "cotree_jumps_internal.h"
+#include "cotree_jumps.h"
+
+#define MODEL (j->run->model)
+#define N_STATES (j->run->model->n_states)
+#define N_EVENTS (j->hybrid->n_events)
+#define N_JUMPS (j->hybrid->n_jumps)
+#define N_SENSITIVITIES (j->run->n_blocks - 1)
+
+/* An event that sets no states. */
+static const cotree_event no_event = {"", 0, 0, 0, 0, 0, 0, NULL, 0, -1};
 
 /* Relative difference up to which derivatives of event times count as equal. */
 #define SHARED_RTOL COTREE_SELECT(1e-9, 1e-4f)
@@ -127,7 +136,7 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
 
 /* Complete the states and sensitivities after an event that has set its targets: project them and
  * add (R_x f- + R_t - f+) t_p. state_rates is R_x f- + R_t. */
-int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real t, cotree_real *w)
+static int complete_event(cotree_jumps *j, const cotree_event *row, cotree_real t, cotree_real *w)
 {
     cotree_run *const run = j->run;
     cotree_real *const s = j->after + N_STATES;
@@ -171,7 +180,7 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
 }
 
 /* Return the index of an event's first new value among those of all events. */
-int cotree_first_new_value(const cotree_jumps *j, int event)
+static int first_new_value(const cotree_jumps *j, int event)
 {
     int i, first = 0;
     for (i = 0; i < event; ++i) first += j->hybrid->events[i].n_targets;
@@ -187,7 +196,7 @@ int cotree_jumps_compute_new_values(cotree_jumps *j, cotree_real t, const cotree
 
 cotree_real cotree_jumps_new_value(const cotree_jumps *j, int event)
 {
-    return j->new_values[cotree_first_new_value(j, event)];
+    return j->new_values[first_new_value(j, event)];
 }
 
 int cotree_jumps_changes_value(const cotree_jumps *j, int event)
@@ -219,7 +228,7 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
 }
 
 /* Evaluate the states and the rates before an event. */
-int cotree_find_before(cotree_jumps *j, cotree_real t, const cotree_real *w)
+static int find_before(cotree_jumps *j, cotree_real t, const cotree_real *w)
 {
     const cotree_run *const run = j->run;
     int i, status = cotree_run_find(j->run, t, w);
@@ -227,12 +236,12 @@ int cotree_find_before(cotree_jumps *j, cotree_real t, const cotree_real *w)
     return status == 0 ? compute_rates_at(j, t, j->before) : status;
 }
 
-/* As cotree_find_before, with the derivatives of the event functions. */
+/* As find_before, with the derivatives of the event functions. */
 static int evaluate_before(cotree_jumps *j, cotree_real t, const cotree_real *w)
 {
     const cotree_run *const run = j->run;
     const cotree_real *const x = j->before;
-    const int status = cotree_find_before(j, t, w);
+    const int status = find_before(j, t, w);
     if (status != 0 || N_SENSITIVITIES == 0) return status;
     return MODEL->event_sensitivity(t, x, x + N_STATES, run->u, run->p, run->k, j->value_slopes);
 }
@@ -312,7 +321,7 @@ int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w
 {
     cotree_run *const run = j->run;
     const cotree_event *const row = j->hybrid->events + event;
-    const int n_values = N_EVENTS + N_JUMPS, first = cotree_first_new_value(j, event);
+    const int n_values = N_EVENTS + N_JUMPS, first = first_new_value(j, event);
     int i, n, status;
     t = cotree_run_inside(run, t);
     status = evaluate_before(j, t, w);
@@ -331,7 +340,7 @@ int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w
                 j->value_slopes[n * n_values + N_EVENTS + first + i];
         }
     }
-    return cotree_complete_event(j, row, t, w);
+    return complete_event(j, row, t, w);
 }
 
 void cotree_rows_store(const cotree_row *rows, int n_rows, int is_impact, cotree_real *x)
@@ -349,8 +358,179 @@ int cotree_jumps_set_modes(cotree_jumps *j, const cotree_row *rows, int n_rows, 
 {
     int status;
     t = cotree_run_inside(j->run, t);
-    status = cotree_find_before(j, t, w);
+    status = find_before(j, t, w);
     if (status != 0) return status;
     cotree_rows_store(rows, n_rows, 0, j->after);
-    return cotree_complete_event(j, &no_event, t, w);
+    return complete_event(j, &no_event, t, w);
+}
+
+/* Impacts.
+ *
+ * In an impact the equation of a constraint prescribes its change of speed instead of its
+ * acceleration. The change of each state is the difference of two rates, evaluated with the
+ * prescribed change and with zero: finite forces cancel in the difference. States without inertia
+ * do not change. The changes of the sensitivities are computed in the same way from their rates. */
+
+/* Return the index of an event's last new value, its change of speed, among all new values. */
+static int speed_change_index(const cotree_jumps *j, int event)
+{
+    return first_new_value(j, event) + j->hybrid->events[event].n_targets - 1;
+}
+
+/* Write the prescribed changes of speed and their sensitivities to z; if is_struck is 0, write
+ * zeros. */
+static void set_required_changes(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_struck,
+                                 cotree_real *z)
+{
+    const cotree_real *const t_p = j->time_sensitivity;
+    const int n_values = N_EVENTS + N_JUMPS;
+    int c, i, n;
+    for (i = 0; i < n_rows; ++i) {
+        for (c = 0; c < COTREE_COMPONENTS && rows[i].speed_states[c] >= 0; ++c) {
+            const int event = is_struck ? rows[i].struck_events[c] : -1;
+            const int index = event < 0 ? -1 : speed_change_index(j, event);
+            cotree_real *change = z + rows[i].speed_states[c];
+            *change = index < 0 ? COTREE_F(0.0) : j->new_values[index];
+            for (n = 0; n < N_SENSITIVITIES; ++n) {
+                change += N_STATES;
+                /* The time of the impact also depends on the parameters. */
+                *change = index < 0 ? COTREE_F(0.0)
+                                    : j->value_slopes[n * n_values + N_EVENTS + index] +
+                                          j->rates[N_EVENTS + index] * t_p[n];
+            }
+        }
+    }
+}
+
+/* Compute the rates of all states and sensitivities at z, and the event functions, of which some
+ * are forces, with their derivatives. */
+static int evaluate_response(cotree_jumps *j, cotree_real t, const cotree_real *z,
+                             cotree_real *rates, cotree_real *forces)
+{
+    cotree_run *const run = j->run;
+    const int n_values = N_EVENTS + N_JUMPS;
+    int i, n, status;
+    cotree_run_narrow(run, t, z, j->w_work);
+    status = cotree_run_find(run, t, j->w_work);
+    if (status != 0) return status;
+    cotree_run_pack(run, run->full, j->w_work);
+    status = cotree_run_packed_rate(run, t, j->w_work, j->packed);
+    if (status != 0) return status;
+    cotree_run_unpack(run, j->packed, rates);
+    status = MODEL->events(t, run->full, run->u, run->p, run->k, j->values);
+    for (i = 0; i < N_EVENTS; ++i) forces[i] = j->values[i];
+    if (status != 0 || N_SENSITIVITIES == 0) return status;
+    status = MODEL->event_sensitivity(t, run->full, run->full + N_STATES, run->u, run->p, run->k,
+                                      j->force_slopes);
+    for (n = 0; n < N_SENSITIVITIES; ++n) {
+        for (i = 0; i < N_EVENTS; ++i)
+            forces[(1 + n) * N_EVENTS + i] = j->force_slopes[n * n_values + i];
+    }
+    return status;
+}
+
+static void restore_modes(const cotree_row *rows, int n_rows, const cotree_real *from,
+                          cotree_real *z)
+{
+    int c, i;
+    for (i = 0; i < n_rows; ++i) {
+        z[rows[i].mode_state] = from[rows[i].mode_state];
+        for (c = 0; c < COTREE_COMPONENTS && rows[i].direction_states[c] >= 0; ++c)
+            z[rows[i].direction_states[c]] = from[rows[i].direction_states[c]];
+    }
+}
+
+/* Change the states and sensitivities j->after by the impact. On entry, the sensitivities include
+ * the change of the impact's time. */
+static int compute_impact(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_residual,
+                          cotree_real t)
+{
+    cotree_run *const run = j->run;
+    const int n_forces = N_EVENTS * run->n_blocks;
+    cotree_real *const with = j->response, *const without = with + run->n_full;
+    cotree_real *const forces = j->impulse_forces, *const finite_forces = forces + n_forces;
+    int c, i, n, status;
+    cotree_rows_store(rows, n_rows, 1, j->after);
+    set_required_changes(j, rows, n_rows, 1, j->after);
+    status = evaluate_response(j, t, j->after, with, forces);
+    set_required_changes(j, rows, n_rows, 0, j->after);
+    if (status == 0) status = evaluate_response(j, t, j->after, without, finite_forces);
+    if (status != 0) return status;
+    for (i = 0; i < n_forces; ++i) forces[i] -= finite_forces[i];
+    for (n = 0; n < run->n_blocks; ++n) {
+        cotree_real *const block = j->after + n * N_STATES;
+        for (i = 0; i < run->n_rates; ++i)
+            block[i] += with[n * N_STATES + i] - without[n * N_STATES + i];
+        for (i = 0; i < n_rows; ++i) {
+            const cotree_row *const row = rows + i;
+            const int has_impulse = row->type == COTREE_ROW_STOP && row->struck_events[0] >= 0;
+            for (c = 0; c < COTREE_COMPONENTS && row->speed_states[c] >= 0; ++c) {
+                const int state = row->speed_states[c];
+                /* The stored impulse does not have the sign of the stop's side. */
+                block[state] = has_impulse ? forces[n * N_EVENTS + row->limits[0]] : COTREE_F(0.0);
+                if (is_residual) block[state] = j->before[n * N_STATES + state];
+            }
+        }
+    }
+    restore_modes(rows, n_rows, j->before, j->after);
+    return 0;
+}
+
+int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_row *rows, int n_rows, cotree_real t,
+                             const cotree_real *w, cotree_real *after)
+{
+    cotree_run *const run = j->run;
+    const int n_blocks = run->n_blocks, n_full = run->n_full;
+    int i, status;
+    t = cotree_run_inside(run, t);
+    run->n_blocks = 1;
+    run->n_full = N_STATES;
+    status = cotree_run_find(run, t, w);
+    for (i = 0; i < N_STATES; ++i) j->before[i] = j->after[i] = run->full[i];
+    if (status == 0) status = cotree_run_inputs(run, t);
+    if (status == 0) status = MODEL->jumps(t, j->before, run->u, run->p, run->k, j->new_values);
+    if (status == 0) status = compute_impact(j, rows, n_rows, 0, t);
+    if (status == 0) cotree_run_narrow(run, t, j->after, after);
+    run->n_blocks = n_blocks;
+    run->n_full = n_full;
+    return status;
+}
+
+int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_row *rows, int n_rows, int is_residual,
+                               cotree_real t, cotree_real *w)
+{
+    cotree_run *const run = j->run;
+    cotree_real *const x = j->before;
+    int i, n, status;
+    t = cotree_run_inside(run, t);
+    status = find_before(j, t, w);
+    if (status == 0) status = MODEL->jumps(t, x, run->u, run->p, run->k, j->new_values);
+    if (status == 0 && N_SENSITIVITIES > 0) {
+        status =
+            MODEL->event_sensitivity(t, x, x + N_STATES, run->u, run->p, run->k, j->value_slopes);
+    }
+    if (status != 0) return status;
+    for (n = 0; n < N_SENSITIVITIES; ++n) {
+        cotree_real *const block = j->after + (1 + n) * N_STATES;
+        for (i = 0; i < run->n_rates; ++i) block[i] += j->time_sensitivity[n] * j->state_rates[i];
+    }
+    status = compute_impact(j, rows, n_rows, is_residual, t);
+    /* The sensitivities already include the rates before the impact. */
+    for (i = 0; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
+    return status == 0 ? complete_event(j, &no_event, t, w) : status;
+}
+
+cotree_real cotree_jumps_target_value(const cotree_jumps *j, int event, int target)
+{
+    return j->new_values[first_new_value(j, event) + target];
+}
+
+cotree_real cotree_jumps_speed_change(const cotree_jumps *j, int event)
+{
+    return j->new_values[speed_change_index(j, event)];
+}
+
+cotree_real cotree_jumps_speed_change_rate(const cotree_jumps *j, int event)
+{
+    return j->rates[N_EVENTS + speed_change_index(j, event)];
 }
