@@ -99,14 +99,81 @@ enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 /* Length of the ring buffer of mode sets that were tried. */
 #define N_TRIED_CODES 256
 
+static inline cotree_real cotree_sign_of(cotree_real value)
+{
+    return value > COTREE_F(0.0)   ? COTREE_F(1.0)
+           : value < COTREE_F(0.0) ? -COTREE_F(1.0)
+                                   : COTREE_F(0.0);
+}
+
+static inline void cotree_copy(int n, const cotree_real *from, cotree_real *to)
+{
+    int i;
+    for (i = 0; i < n; ++i) to[i] = from[i];
+}
+
+/* Return whether an event function belongs to dry friction or to a load. */
+static inline int cotree_is_of_friction(const cotree_events *e, int i)
+{
+    return e->events[i].kind >= COTREE_FRICTION_SLIP && e->events[i].kind <= COTREE_FRICTION_LOAD;
+}
+
+/* Return whether an event function is the gap of a stop. */
+static inline int cotree_is_gap(const cotree_events *e, int i)
+{
+    return e->events[i].kind == COTREE_STOP_UPPER || e->events[i].kind == COTREE_STOP_LOWER;
+}
+
+/* Return whether an event function stays at zero, so that its sign is a rounding error, such as the
+ * slip rate of a constraint that has just started to slide. */
+static inline int cotree_stays_at_zero(const cotree_events *e, int i)
+{
+    return e->n_rows > 0 && e->stays_at_zero[i];
+}
+
+static inline int cotree_is_kink(const cotree_events *e, int i)
+{
+    return e->events[i].kind >= COTREE_KINK;
+}
+
+static inline int cotree_has_range(const cotree_events *e, int i)
+{
+    return e->events[i].range >= 0;
+}
+
+/* Return the quantities from the last evaluation. */
+static inline const cotree_real *cotree_quantities_of(const cotree_events *e)
+{
+    return e->jumps.values + e->n_events + e->n_branches;
+}
+
+/* Return whether friction acts in several directions, on a plane in space or in a ball joint. */
+static inline int cotree_is_disc(const cotree_row *row) { return row->direction_states[0] >= 0; }
+
+/* Return whether a row holds: friction sticks, or a stop is closed. */
+static inline int cotree_is_holding(const cotree_row *row)
+{
+    return (row->mode != COTREE_F(0.0)) == (row->type == COTREE_ROW_STOP);
+}
+
+/* Return the gap event of the side at which the stop is closed. */
+static inline int cotree_closed_gap(const cotree_row *row)
+{
+    return row->gaps[row->side > COTREE_F(0.0) ? 0 : 1];
+}
+
+/* Return the rate of a closed gap, computed from the change of speed that its events would set. */
+static inline cotree_real cotree_gap_rate(const cotree_events *e, const cotree_row *row)
+{
+    return row->side * cotree_jumps_speed_change(&e->jumps, row->event);
+}
+
 /* Defined in cotree_events.c: */
 COTREE_PRIVATE int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a,
                                                 cotree_real b, cotree_real at_a, cotree_real at_b,
                                                 int may_turn, cotree_real *at, cotree_real *from);
 
 /* Defined in cotree_scan.c: */
-COTREE_PRIVATE int cotree_has_range(const cotree_events *e, int i);
-COTREE_PRIVATE const cotree_real *cotree_quantities_of(const cotree_events *e);
 COTREE_PRIVATE int cotree_compute_ranges(cotree_events *e, cotree_real t);
 COTREE_PRIVATE int cotree_classify_range(const cotree_events *e, int i, cotree_real side,
                                          cotree_real at_a, cotree_real at_b, cotree_real width);
@@ -114,14 +181,8 @@ COTREE_PRIVATE int cotree_scan_ranges(cotree_events *e, cotree_real *until);
 
 /* Defined in cotree_locate.c: */
 COTREE_PRIVATE cotree_real cotree_spacing(cotree_real t);
-COTREE_PRIVATE cotree_real cotree_sign_of(cotree_real value);
-COTREE_PRIVATE void cotree_copy(int n, const cotree_real *from, cotree_real *to);
 COTREE_PRIVATE cotree_real cotree_tolerance(const cotree_events *e, int i);
 COTREE_PRIVATE cotree_real cotree_rounding_band(const cotree_events *e, int i);
-COTREE_PRIVATE int cotree_is_of_friction(const cotree_events *e, int i);
-COTREE_PRIVATE int cotree_is_gap(const cotree_events *e, int i);
-COTREE_PRIVATE int cotree_stays_at_zero(const cotree_events *e, int i);
-COTREE_PRIVATE int cotree_is_kink(const cotree_events *e, int i);
 COTREE_PRIVATE cotree_real cotree_zero_band(const cotree_events *e, int i);
 COTREE_PRIVATE cotree_real cotree_detection_level(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_fail(cotree_events *e, int event, cotree_real t, int status);
@@ -164,12 +225,8 @@ COTREE_PRIVATE int cotree_cheap_crossing_test(cotree_events *e);
 
 /* Defined in cotree_rows.c: */
 COTREE_PRIVATE void cotree_init_rows(cotree_events *e, const cotree_run *run, cotree_arena *arena);
-COTREE_PRIVATE int cotree_is_disc(const cotree_row *row);
-COTREE_PRIVATE int cotree_is_holding(const cotree_row *row);
 COTREE_PRIVATE int cotree_is_variable(const cotree_events *e, const cotree_row *row);
 COTREE_PRIVATE int cotree_may_change(const cotree_events *e, const cotree_row *row);
-COTREE_PRIVATE int cotree_closed_gap(const cotree_row *row);
-COTREE_PRIVATE cotree_real cotree_gap_rate(const cotree_events *e, const cotree_row *row);
 COTREE_PRIVATE cotree_real cotree_acceleration(const cotree_events *e, const cotree_row *row);
 COTREE_PRIVATE cotree_real cotree_gap_rate_error(const cotree_events *e);
 COTREE_PRIVATE cotree_real cotree_zero_gap_rate(const cotree_events *e, const cotree_row *row);

@@ -9,19 +9,6 @@ cotree_real cotree_spacing(cotree_real t)
     return COTREE_NEXTAFTER(COTREE_FABS(t), COTREE_INFINITY) - COTREE_FABS(t);
 }
 
-cotree_real cotree_sign_of(cotree_real value)
-{
-    return value > COTREE_F(0.0)   ? COTREE_F(1.0)
-           : value < COTREE_F(0.0) ? -COTREE_F(1.0)
-                                   : COTREE_F(0.0);
-}
-
-void cotree_copy(int n, const cotree_real *from, cotree_real *to)
-{
-    int i;
-    for (i = 0; i < n; ++i) to[i] = from[i];
-}
-
 /* Return the uncertainty of an event function: cotree_tolerance due to the error tolerances, and
  * cotree_rounding_band due to rounding. */
 cotree_real cotree_tolerance(const cotree_events *e, int i)
@@ -39,27 +26,6 @@ cotree_real cotree_rounding_band(const cotree_events *e, int i)
     return COTREE_FMAX(TERM_ROUNDINGS * rounding,
                        COTREE_FMAX(cotree_tolerance(e, i), COTREE_F(2.0) * e->gap_at_release[i]));
 }
-
-/* Return whether an event function belongs to dry friction or to a load. */
-int cotree_is_of_friction(const cotree_events *e, int i)
-{
-    return e->events[i].kind >= COTREE_FRICTION_SLIP && e->events[i].kind <= COTREE_FRICTION_LOAD;
-}
-
-/* Return whether an event function is the gap of a stop. */
-int cotree_is_gap(const cotree_events *e, int i)
-{
-    return e->events[i].kind == COTREE_STOP_UPPER || e->events[i].kind == COTREE_STOP_LOWER;
-}
-
-/* Return whether an event function stays at zero, so that its sign is a rounding error, such as the
- * slip rate of a constraint that has just started to slide. */
-int cotree_stays_at_zero(const cotree_events *e, int i)
-{
-    return e->n_rows > 0 && e->stays_at_zero[i];
-}
-
-int cotree_is_kink(const cotree_events *e, int i) { return e->events[i].kind >= COTREE_KINK; }
 
 /* Return the magnitude above which an event function counts as nonzero. At a kink or a continuous
  * jump, errors within the tolerance have no effect. */

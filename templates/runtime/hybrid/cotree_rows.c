@@ -149,15 +149,6 @@ void cotree_init_rows(cotree_events *e, const cotree_run *run, cotree_arena *are
     e->force_noise = e->largest_rate = e->impact_speed = COTREE_F(0.0);
 }
 
-/* Return whether friction acts in several directions, on a plane in space or in a ball joint. */
-int cotree_is_disc(const cotree_row *row) { return row->direction_states[0] >= 0; }
-
-/* Return whether a row holds: friction sticks, or a stop is closed. */
-int cotree_is_holding(const cotree_row *row)
-{
-    return (row->mode != COTREE_F(0.0)) == (row->type == COTREE_ROW_STOP);
-}
-
 /* Return whether this selection may change a mode. In impacts, loads keep their signs. */
 int cotree_is_variable(const cotree_events *e, const cotree_row *row)
 {
@@ -169,18 +160,6 @@ int cotree_may_change(const cotree_events *e, const cotree_row *row)
 {
     /* Friction at a contact has no force while its stop is open. */
     return cotree_is_variable(e, row) && (row->stop == NULL || row->stop->mode != COTREE_F(0.0));
-}
-
-/* Return the gap event of the side at which the stop is closed. */
-int cotree_closed_gap(const cotree_row *row)
-{
-    return row->gaps[row->side > COTREE_F(0.0) ? 0 : 1];
-}
-
-/* Return the rate of a closed gap, computed from the change of speed that its events would set. */
-cotree_real cotree_gap_rate(const cotree_events *e, const cotree_row *row)
-{
-    return row->side * cotree_jumps_speed_change(&e->jumps, row->event);
 }
 
 /* Return the acceleration of a slip or of a closed gap, from the last evaluation of rates. */

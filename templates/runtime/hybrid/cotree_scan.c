@@ -6,14 +6,6 @@
  * crosses zero. */
 #include "cotree_events_internal.h"
 
-int cotree_has_range(const cotree_events *e, int i) { return e->events[i].range >= 0; }
-
-/* Return the quantities from the last evaluation. */
-const cotree_real *cotree_quantities_of(const cotree_events *e)
-{
-    return e->jumps.values + e->n_events + e->n_branches;
-}
-
 /* Set the bounds of all quantities between two points, given their second differences. */
 static void set_bounds_between(cotree_events *e, const cotree_real *a, const cotree_real *b,
                                const cotree_real *bends, cotree_real width)
