@@ -522,8 +522,8 @@ class Model(Reported):
     def as_jax(self, t: float | None = None) -> Any:
         """Return the rates as a function of JAX, (x, u, p) -> dx, with exact first derivatives.
 
-        Under ``vmap``, and with further leading axes of the arguments, all points are evaluated in
-        one call. Parameters and errors as for :meth:`as_casadi`; JAX must compute in double
+        Under ``vmap``, and with further leading axes of the arguments, points are evaluated
+        together. Parameters and errors as for :meth:`as_casadi`; JAX must compute in double
         precision.
         """
         from cotree.model.bridges import jax_function, rates_of

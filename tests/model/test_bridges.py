@@ -52,6 +52,10 @@ def test_casadi_has_the_rates_and_their_jacobian(cart):
 
 # JAX and PyTorch start threads, after which other tests could not fork: each has its own process.
 JAX = r"""
+import os
+
+if hasattr(os, "sched_setaffinity"):  # JAX has as many threads as the process has cores
+    os.sched_setaffinity(0, list(os.sched_getaffinity(0))[:1])
 import jax
 import numpy as np
 import pytest
@@ -93,6 +97,10 @@ for i in (0, 299):
         np.testing.assert_allclose(block[i], alone, rtol=1e-11, atol=1e-12)
 nested = jax.vmap(jax.vmap(function, (None, 0, None)), (0, None, None))(xs[:3], us[:2], p)
 np.testing.assert_allclose(nested[2, 1], function(xs[2], us[1], p), rtol=1e-12)
+# JAX would copy arrays of this size in its thread, which waits in the callback.
+many = np.tile(xs, (67, 1))
+whole = jax.jit(lambda x: function(x, u, p))(many)
+np.testing.assert_allclose(whole[-300:], jax.vmap(function, (0, None, None))(xs, u, p), rtol=1e-15)
 with pytest.raises(ParameterError, match=r"u must be an array of shape \(..., 1\), not \(2,\)"):
     function(x, x[:2], p)
 """
@@ -151,7 +159,9 @@ def test_batches_have_the_rates_and_their_derivatives_both_ways(cart, name, prog
     arrays = {"x": POINT, "u": u, "p": p, "known": by_differences(model, u, p)}
     for key, array in arrays.items():
         program = program.replace(f"{{{key}}}", repr(array.tolist()))
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stderr
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -210,6 +211,11 @@ def _flat(value: Any) -> Any:
     return np.asarray(value.full(), dtype=float).ravel()
 
 
+#: Largest array that a callback of JAX receives, [byte]. Beyond 100 kB, JAX copies arrays in its
+#: threads, which never happens if all of them wait in callbacks.
+_INLINE = 96_000
+
+
 def jax_function(rates: Rates) -> Any:
     """Return a JAX function of x, u and p that supports ``jit``, ``vmap`` and first derivatives."""
     try:
@@ -227,20 +233,64 @@ def jax_function(rates: Rates) -> Any:
     value = jax.ShapeDtypeStruct((n,), np.float64)
     blocks = tuple(jax.ShapeDtypeStruct((n, size), np.float64) for size in rates.sizes)
 
-    def called_back(evaluate: Any, shapes: Any, *arguments: Any) -> Any:
-        def evaluated(*values: Any) -> Any:
-            return evaluate(*(np.asarray(row, dtype=np.float64) for row in values))
+    def in_batches(evaluate: Any, shapes: Any) -> Any:
+        """Return a function of x, u and p, which all may have further leading axes."""
 
-        # All points of a batch are evaluated in one call; other arguments get axes of length one.
-        return jax.pure_callback(evaluated, shapes, *arguments, vmap_method="expand_dims")
+        def called_back(shapes: Any, *arguments: Any) -> Any:
+            def evaluated(*values: Any) -> Any:
+                return evaluate(*(np.asarray(row, dtype=np.float64) for row in values))
+
+            return jax.pure_callback(evaluated, shapes, *arguments)
+
+        @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
+        def batch(*arguments: Any) -> Any:
+            lead = np.broadcast_shapes(*(row.shape[:-1] for row in arguments))
+            m = math.prod(lead)
+            if not lead or not m:
+                return called_back(_with_axes(jax, lead, shapes), *arguments)
+            length = min(m, max(1, _INLINE // (8 * max(rates.sizes))))
+            padding = ((0, -m % length), (0, 0))
+
+            def cut(row: Any) -> Any:
+                n_own = row.shape[-1]
+                flat = numbers.broadcast_to(row, (*lead, n_own)).reshape(m, n_own)
+                padded = numbers.pad(flat, padding, mode="edge") if n_own else flat
+                return padded.reshape(-(-m // length), length, n_own)
+
+            # Parameters of all points are not copied to each of them.
+            n_cut = 3 if arguments[2].ndim > 1 else 2
+            pieces, own = tuple(map(cut, arguments[:n_cut])), arguments[n_cut:]
+            found = jax.lax.map(
+                lambda rows: called_back(_with_axes(jax, (length,), shapes), *rows, *own), pieces
+            )
+
+            def joined(row: Any) -> Any:
+                shape = row.shape[2:]
+                return row.reshape(-1, *shape)[:m].reshape(*lead, *shape)
+
+            return jax.tree.map(joined, found)
+
+        @batch.def_vmap  # type: ignore[untyped-decorator]
+        def rule(size: int, in_batched: Any, *arguments: Any) -> Any:
+            ranks = [row.ndim - new for row, new in zip(arguments, in_batched, strict=True)]
+            rows = [
+                row.reshape(size, *[1] * (max(ranks) - rank), *row.shape[1:]) if new else row
+                for row, new, rank in zip(arguments, in_batched, ranks, strict=True)
+            ]
+            return batch(*rows), jax.tree.map(lambda _: True, shapes)
+
+        return batch
+
+    evaluate, derive = in_batches(rates, value), in_batches(rates.derivatives, blocks)
 
     @jax.custom_jvp  # type: ignore[untyped-decorator]
     def function(x: Any, u: Any, p: Any) -> Any:
-        return called_back(rates, value, x, u, p)
+        return evaluate(x, u, p)
 
     def jvp(primals: Any, tangents: Any) -> Any:
-        found = called_back(rates.derivatives, blocks, *primals)
-        change = sum(block @ tangent for block, tangent in zip(found, tangents, strict=True))
+        change = sum(
+            block @ tangent for block, tangent in zip(derive(*primals), tangents, strict=True)
+        )
         return function(*primals), change
 
     function.defjvp(jvp)
@@ -253,6 +303,10 @@ def jax_function(rates: Rates) -> Any:
         return many(*_checked(rates, convert, x, u, rates.values if p is None else p))
 
     return called
+
+
+def _with_axes(jax: Any, lead: tuple[int, ...], shapes: Any) -> Any:
+    return jax.tree.map(lambda row: jax.ShapeDtypeStruct((*lead, *row.shape), row.dtype), shapes)
 
 
 def _checked(rates: Rates, convert: Callable[[Any], Any], *arguments: Any) -> list[Any]:
