@@ -101,6 +101,13 @@ np.testing.assert_allclose(nested[2, 1], function(xs[2], us[1], p), rtol=1e-12)
 many = np.tile(xs, (67, 1))
 whole = jax.jit(lambda x: function(x, u, p))(many)
 np.testing.assert_allclose(whole[-300:], jax.vmap(function, (0, None, None))(xs, u, p), rtol=1e-15)
+# Without inputs and parameters, and without points.
+free = cotree.load("slider-pendulum").compile()
+np.testing.assert_allclose(free.as_jax()(many).T, free.rhs(0.0, many.T), rtol=1e-12, atol=1e-12)
+by_state = jax.vmap(jax.jacfwd(free.as_jax()))(xs)
+known = np.moveaxis(free.jacobian(0.0, xs.T), -1, 0)
+np.testing.assert_allclose(by_state, known, rtol=1e-12, atol=1e-12)
+assert free.as_jax()(xs[:0]).shape == (0, 4)
 with pytest.raises(ParameterError, match=r"u must be an array of shape \(..., 1\), not \(2,\)"):
     function(x, x[:2], p)
 """
@@ -146,6 +153,11 @@ for i, (row, blocks) in enumerate(zip(together, zip(*slopes(x, v, q.detach())), 
         alone = torch.func.jacrev(function, argnums=(0, 1, 2))(x[i], v[i], q.detach())
         for block, one in zip(blocks, alone, strict=True):
             np.testing.assert_allclose(block, one, rtol=1e-11, atol=1e-12)
+free = cotree.load("slider-pendulum").compile()
+rows = free.as_torch()(x)
+np.testing.assert_allclose(rows.T, free.rhs(0.0, x.numpy().T), rtol=1e-15)
+assert torch.autograd.gradcheck(free.as_torch(), (drawn(3, 4),))
+assert free.as_torch()(x[:0]).shape == (0, 4)
 with pytest.raises(ParameterError, match="first derivatives only"):
     torch.autograd.gradgradcheck(function, (drawn(4), drawn(1), q))
 """

@@ -50,7 +50,7 @@ class Rates:
         if max(x.ndim, u.ndim, p.ndim) == 1:
             return self.model.rhs(self.t, x, self._given(p), u)
         lead, columns = self._columns(x, u, p)
-        return self.model.rhs(self.t, *columns).T.reshape(*lead, -1)
+        return self.model.rhs(self.t, *columns).T.reshape(*lead, self.sizes[0])
 
     def derivatives(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
         """Evaluate the derivatives with respect to x, u and p, each (..., n_states, length)."""
@@ -79,15 +79,16 @@ class Rates:
     ) -> tuple[tuple[int, ...], tuple[Array, Any, Array]]:
         """Return the broadcast axes, and the arguments of the model with one column a point."""
         lead = np.broadcast_shapes(x.shape[:-1], u.shape[:-1], p.shape[:-1])
-        y, inputs = (
-            np.ascontiguousarray(np.broadcast_to(row, (*lead, n)).reshape(-1, n).T)
-            for row, n in zip((x, u), self.sizes, strict=False)
+        m = math.prod(lead)
+        # An empty array has no length that reshape could determine.
+        y, inputs, values = (
+            np.ascontiguousarray(np.broadcast_to(row, (*lead, n)).reshape(m, n).T)
+            for row, n in zip((x, u, p), self.sizes, strict=True)
         )
         if p.size == len(self.names):
             return lead, (y, self._given(p.ravel()), inputs)
-        own = np.repeat(self.model.default_parameters[:, None], y.shape[1], axis=1)
-        places = [self.model.parameters.index(name) for name in self.names]
-        own[places] = np.broadcast_to(p, (*lead, len(places))).reshape(-1, len(places)).T
+        own = np.repeat(self.model.default_parameters[:, None], m, axis=1)
+        own[[self.model.parameters.index(name) for name in self.names]] = values
         return lead, (y, own, inputs)
 
     def _input_jacobian(self, y: Array, own: Any, inputs: Array) -> Array:
@@ -266,7 +267,8 @@ def jax_function(rates: Rates) -> Any:
 
             def joined(row: Any) -> Any:
                 shape = row.shape[2:]
-                return row.reshape(-1, *shape)[:m].reshape(*lead, *shape)
+                flat = row.reshape(row.shape[0] * length, *shape)
+                return flat[:m].reshape(*lead, *shape)
 
             return jax.tree.map(joined, found)
 
