@@ -36,6 +36,7 @@ from robot_files import installed_file, without_losses
 from timing import about, keep, show, table
 
 import cotree
+from cotree.model import columns
 
 HERE = Path(__file__).parent
 #: File, base.
@@ -166,6 +167,7 @@ def own(path: Path, base: str, snap: float, seconds: float, profile: bool) -> di
                 seconds,
             )
         found[name] = {"operations": count, **measured}
+    found["points"] = many_points(model)
     if profile:
         found["profile"] = sections(model)
     tunable = without_losses(cotree.read_urdf(path, base, mimic=False, snap=snap)).compile()
@@ -174,6 +176,31 @@ def own(path: Path, base: str, snap: float, seconds: float, profile: bool) -> di
         **{f"{k} s": v for k, v in tunable.times.items()},
         **{name: tunable.operations[name].kernel for name in ("prepare", *_KERNELS)},
     }
+    return found
+
+
+def many_points(model: Any, n: int = 4096, rounds: int = 9) -> dict[str, dict[str, float]]:
+    """Measure kernels at many points in one call, on one core; times are medians, in us a point."""
+    y = np.random.default_rng(0).uniform(-1.0, 1.0, (len(model.states), n))
+    u = np.zeros((len(model.inputs), n))
+    code, found = model.kernels.code, {}
+    in_lanes, cores, columns.usable_cores = code.in_lanes, columns.usable_cores, lambda: 1
+    for name in _KERNELS:
+        times: dict[str, list[float]] = {"scalar": [], "lanes": []}
+        began = time.perf_counter()
+        if in_lanes(name) is None:
+            continue
+        compilation = time.perf_counter() - began
+        for _ in range(rounds + 1):
+            for way, own in times.items():
+                code.in_lanes = in_lanes if way == "lanes" else lambda _: None
+                began = time.thread_time()
+                getattr(model, name)(0.0, y, u=u)
+                own.append(1e6 * (time.thread_time() - began) / n)
+        ratios = np.divide(times["scalar"], times["lanes"])[1:]  # the first calls load the code
+        medians = {way: float(np.median(own[1:])) for way, own in times.items()}
+        found[name] = {**medians, "ratio": float(np.median(ratios)), "compile s": compilation}
+    code.in_lanes, columns.usable_cores = in_lanes, cores
     return found
 
 
@@ -410,7 +437,14 @@ def report(found: dict[str, dict[str, Any]]) -> str:
         "compilation s",
         "CasADi",
     ]
-    parts = [stages, table(head, calls)]
+    points = [
+        [name, kernel, *(f"{own[key]:.3f}" for key in ("scalar", "lanes", "ratio", "compile s"))]
+        for name, row in found.items()
+        for kernel, own in row["points"].items()
+    ]
+    heading = ["robot", "kernel", "4,096 points, one core: scalar, us a point", "lanes"]
+    heading += ["scalar / lanes", "compilation s"]
+    parts = [stages, table(head, calls), table(heading, points)]
     for name, row in found.items():
         for kernel, counts in row.get("profile", {}).items():
             parts.append(f"{name}, {kernel}: " + ", ".join(f"{k} {n}" for k, n in counts.items()))

@@ -249,7 +249,8 @@ def jax_function(rates: Rates) -> Any:
             m = math.prod(lead)
             if not lead or not m:
                 return called_back(_with_axes(jax, lead, shapes), *arguments)
-            length = min(m, max(1, _INLINE // (8 * max(rates.sizes))))
+            most = max(1, _INLINE // (8 * max(rates.sizes)))
+            length = -(-m // -(-m // most))  # pieces of equal length
             padding = ((0, -m % length), (0, 0))
 
             def cut(row: Any) -> Any:
