@@ -36,7 +36,7 @@ from robot_files import installed_file, without_losses
 from timing import about, keep, show, table
 
 import cotree
-from cotree.model import columns
+import cotree.model.columns
 
 HERE = Path(__file__).parent
 #: File, base.
@@ -183,7 +183,7 @@ def many_points(model: Any, n: int = 4096, rounds: int = 9) -> dict[str, dict[st
     """Measure kernels at many points in one call, on one core; times are medians, in us a point."""
     y = np.random.default_rng(0).uniform(-1.0, 1.0, (len(model.states), n))
     u = np.zeros((len(model.inputs), n))
-    code, found = model.kernels.code, {}
+    code, found, columns = model.kernels.code, {}, cotree.model.columns
     in_lanes, cores, columns.usable_cores = code.in_lanes, columns.usable_cores, lambda: 1
     for name in _KERNELS:
         times: dict[str, list[float]] = {"scalar": [], "lanes": []}
