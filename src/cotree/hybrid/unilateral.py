@@ -247,17 +247,24 @@ def _pressed_rows(port: Port) -> list[_Row]:
 #: Square of the tangent of the largest angle between slip and sliding direction.
 _WIDEST = 3
 
-#: Speed below which the sliding direction does not follow the slip, [m/s, rad/s].
-_SLOWEST = "1e-7"
+#: Slip rate at which the sliding direction is updated first before slip ends, [m/s, rad/s].
+_SLOW = "1e-4"
 
-#: Slip rate at which the sliding direction is updated once more before slip ends, [m/s, rad/s].
-_SLOW = "1e-3"
+#: Slip rates at its second update, at a contact and in a joint. The slip at a contact is a sum of
+#: speeds, with their rounding errors.
+_SLOWER_AT_CONTACT, _SLOWER_IN_JOINT = "1e-5", "1e-6"
+
+#: Ratio of the speed below which the sliding direction does not follow the slip, to the slip rate
+#: at its next update. Where slip begins, a smaller speed makes the equations stiff. Where it ends,
+#: a larger one changes the time at which it ends.
+_SLOWEST = "1e-3"
 
 #: Its square is added under square roots, because their slope at zero is infinite.
 _TINY = "1e-30"
 
 _WAY = "component of the direction of the slip"
 _DIRECTION = "component of the direction of sliding, when it was last set"
+_NEXT = "slip rate at the next update of the direction of sliding"
 
 
 @dataclass(frozen=True)
@@ -293,6 +300,16 @@ class _Disc:
         return _sum(f"{v}*{d}" for v, d in zip(self.slip, self.directions, strict=True))
 
     @property
+    def slow(self) -> str:
+        """Return the mode with the slip rate at the next update of the sliding direction."""
+        return f"{self.owner}.slow"
+
+    @property
+    def slowest(self) -> str:
+        """Return the speed below which the sliding direction does not follow the slip."""
+        return f"({_SLOWEST}*{self.slow})"
+
+    @property
     def across(self) -> tuple[str, ...]:
         """Return the components of the slip perpendicular to the sliding direction."""
         if len(self.slip) == 2:
@@ -322,8 +339,10 @@ def _disc_modes(port: Port) -> list[_ModeRow]:
         return rows  # the mode belongs to the first slip direction
     # At the start, friction at a contact is disengaged, because it has no normal force.
     start = "2" if friction.presser else "0"
+    disc = _Disc.of(port)
     return [
-        (friction.mode, "which of its laws holds", f"{_Disc.of(port).owner}.mode", start),
+        (friction.mode, "which of its laws holds", f"{disc.owner}.mode", start),
+        (f"slow{friction.suffix}", _NEXT, disc.slow, _SLOW),
         *rows,
     ]
 
@@ -337,7 +356,7 @@ def _ways(port: Port) -> dict[str, str]:
     if friction is None or not friction.followers:
         return {}
     disc = _Disc.of(port)
-    share = f"{disc.along}/({disc.along}**2 + {_SLOWEST}**2)"
+    share = f"{disc.along}/({disc.along}**2 + {disc.slowest}**2)"
     tangents = [f"({part}*{share})" for part in disc.across]
     length = f"sqrt(1 + {' + '.join(f'{tangent}**2' for tangent in tangents)})"
     if len(tangents) == 1:
@@ -369,8 +388,9 @@ def _disc_rows(port: Port) -> list[_Row]:
         {f"{holder}.impulse": f"-{v}"} for holder, v in zip(disc.holders, disc.slip, strict=True)
     ]
     across = " + ".join(f"{part}**2" for part in disc.across)
-    turned = f"({_WIDEST}*{along}**2 - ({across}) + {_SLOWEST}**2)"
-    turns = f"{slides}*{turned}/({along}**2 + {across} + {_SLOWEST}**2)"
+    turned = f"({_WIDEST}*{along}**2 - ({across}) + {disc.slowest}**2)"
+    turns = f"{slides}*{turned}/({along}**2 + {across} + {disc.slowest}**2)"
+    slower = _SLOWER_AT_CONTACT if friction.presser else _SLOWER_IN_JOINT
     own, pressed = {mode: mode}, []
     if friction.presser:
         # The second target identifies the stop that provides the normal force.
@@ -392,11 +412,16 @@ def _disc_rows(port: Port) -> list[_Row]:
             "slips",
             f"{stuck}*({limit} - {force}) + {struck}*{limit}",
             ModePart.FORWARD_LIMIT,
-            own | changes[1],
+            own | {disc.slow: _SLOW} | changes[1],
         ),
         ("turns", turns, ModePart.TURN, turn),
-        # This event updates the sliding direction before slip ends; later it hardly changes.
-        ("slows", f"{slides}*({speed} - {_SLOW})", ModePart.NONE, directions),
+        # These events update the sliding direction before slip ends; later it hardly changes.
+        (
+            "slows",
+            f"{slides}*({speed} - {disc.slow})",
+            ModePart.NONE,
+            directions | {disc.slow: slower},
+        ),
         *pressed,
     ]
     if friction.grip is not None:
