@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import product
+from math import hypot, sqrt
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cotree.dag import vector
@@ -183,8 +184,10 @@ class Tilted:
     def _parts(self, view: View) -> tuple[Any, Any, Any]:
         """Return (n.e)/(1 + n.up), 1 + n.up, and n + up for the normal n and the axis e."""
         n = self.facing.value(view)
-        height = 1.0 + vector.dot(n, self.up)
-        return vector.dot(n, self.axis) / height, height, vector.add(n, self.up)
+        between = vector.add(n, self.up)
+        # For unit vectors this is 1 + n.up, without the rounding error of a sum near zero.
+        height = 0.5 * vector.dot(between, between)
+        return vector.dot(n, self.axis) / height, height, between
 
     def value(self, view: View) -> Any:
         """Return the rotated axis, e - (n.e)/(1 + n.up) (n + up)."""
@@ -199,9 +202,14 @@ class Tilted:
         return vector.neg(vector.add(vector.scale(change, between), vector.scale(share, n_rate)))
 
 
-#: Perpendicular unit vectors, times seven. The last one is ``up``: its direction is so unusual that
-#: the normal is not opposite to it in symmetric mechanisms.
-_SKEW = ((3, -6, 2), (6, 2, -3), (2, 3, 6))
+def _skew() -> tuple[tuple[float, float, float], ...]:
+    """Return perpendicular unit vectors, right-handed; the last one is ``up``.
+
+    Its components are irrational: no scene that is written in numbers has the opposite normal.
+    """
+    x, y, z = sqrt(2 / 12), sqrt(3 / 12), sqrt(7 / 12)
+    level = hypot(x, y)
+    return (y / level, -x / level, 0.0), (z * x / level, z * y / level, -level), (x, y, z)
 
 
 class Surface(Protocol):
@@ -495,12 +503,12 @@ def _direction(
         return Tangent(facing, axes[index])
     if plane:
         return Across(facing, axes["xyz".index(plane)])
-    first, second, up = (_constants(dag, row) for row in _SKEW)
+    first, second, up = (_constants(dag, row) for row in _skew())
     return Tilted(facing, (first, second)[index], up)
 
 
-def _constants(dag: Dag, sevenths: tuple[int, int, int]) -> Vector:
-    x, y, z = (dag.constant(entry / 7) for entry in sevenths)
+def _constants(dag: Dag, row: tuple[float, float, float]) -> Vector:
+    x, y, z = map(dag.constant, row)
     return x, y, z
 
 
