@@ -93,13 +93,13 @@ def _plain():
     return scene.compile()
 
 
-def disc(**edge):
+def disc(kind="contact", **edge):
     """A disc or cylinder that lies flat on the ground at the start."""
     scene = cotree.Scene("disc", gravity=[0, 0, -9.81])
     scene.edge("j", "free", "ground", "C")
     scene.edge("b", "rigid_body", "ground", "C", mass=1.0, inertia=[0.1, 0.1, 0.2])
     shape = {"normal": [0, 0, 1], "axis": [0, 0, 1], "radius": 0.1}
-    scene.edge("floor", "contact", "ground", "C", stiffness=1e4, **shape, **edge)
+    scene.edge("floor", kind, "ground", "C", **shape, **edge)
     return scene
 
 
@@ -116,8 +116,17 @@ def pair(kind, **edge):
 @pytest.mark.parametrize(
     ("scene", "expected"),
     [
-        (disc(), "tilt of edge 'floor', whose axis must not be parallel to the normal"),
-        (disc(length=0.1, friction=0.3), "tilt of edge 'floor', whose axis must not be parallel"),
+        *(
+            (
+                disc(**own),
+                "tilt of edge 'floor', whose axis must not be parallel to the normal; tilt",
+            )
+            for own in (
+                {"stiffness": 1e4},
+                {"stiffness": 1e4, "length": 0.1, "friction": 0.3},
+                {"kind": "rigid_contact", "length": 0.1, "friction": 0.3},
+            )
+        ),
         (
             pair("contact", ball=0.1, radius=0.1),
             "distance of the centres of edge 'touch', which must lie apart: 1 / 0 is inf at 'jA.x'",

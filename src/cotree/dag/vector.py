@@ -146,10 +146,10 @@ def polar(a: Vector, origin: str = "") -> tuple[Node, Vector]:
     """
     value = value_of(a)
     length = value[0].dag.function("sqrt", dot(value, value))
-    if origin:
-        length.dag.note_origin(length, origin)
     # The direction and its derivative share this reciprocal.
     inverse = 1.0 / length
+    for node in (length, inverse) if origin else ():
+        node.dag.note_origin(node, origin)
     direction = scale(inverse, value)
     if not is_varied(a):
         return length, direction

@@ -260,7 +260,7 @@ class Rim:
         part = vector.sub(n, vector.scale(vector.dot(n, d), d))
         origin = (
             f"tilt of edge '{self.edge}', whose axis must not be parallel to the normal; tilt "
-            "it, or use a box or an ellipsoid"
+            "it, or use a box, an ellipsoid, or contacts at three points of the rim"
         )
         return part, *vector.polar(part, origin)
 
