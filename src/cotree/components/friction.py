@@ -115,15 +115,20 @@ def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component
     backward = f"{force} of dry friction in backward sliding; by default `{force}`"
     viscous = "coefficient of viscous friction in sliding"
     slope_unit = f"{force_unit} s/{speed_unit.removesuffix('/s')}"
-    fields = (
+    fields: tuple[Field, ...] = (
         value(force, force_unit, f"{force} of dry friction in sliding", "nonnegative"),
         optional("breakaway", force_unit, rest, None, "nonnegative"),
         optional("backward", force_unit, backward, None, "nonnegative"),
         _stribeck(speed_unit),
         optional("damping", slope_unit, viscous, None, "nonnegative"),
     )
+    if domain == "translational":
+        # Friction at the surface of a rod also brakes its rotation; see ``scene.joint_friction``.
+        fields += (Field("radius", "m", _RADIUS, sign="positive"),)
     return dry.component(f"{domain}_dry_friction", "dry friction with sticking and sliding", fields)
 
+
+_RADIUS = "radius at which a cylindrical joint rubs; its rotation then shares the limit"
 
 _PRESSED = _DryFriction(
     "rotational",

@@ -213,9 +213,9 @@ def form_first_graph(
     dag, whole = Dag(), scene
     if any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
         from cotree.hybrid.unilateral import with_friction, with_stops
-        from cotree.scene.ball_joints import with_ball_joints
+        from cotree.scene.joint_friction import with_joint_friction
 
-        whole = with_stops(with_friction(with_ball_joints(scene)))
+        whole = with_stops(with_friction(with_joint_friction(scene)))
     scene = whole.mechanics
     # The joints determine the initial positions of bodies in the tree, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)

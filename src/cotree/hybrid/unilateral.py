@@ -9,6 +9,7 @@ that end in rest, and tensile forces. C code selects the modes of all edges toge
 
 from __future__ import annotations
 
+import ast
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,13 +20,14 @@ from cotree.components.component import Field
 from cotree.components.contact import with_discs
 from cotree.domains import DOMAINS
 from cotree.scene.events import Event, Mode, ModePart
-from cotree.scene.expressions import parse
+from cotree.scene.expressions import Expression, parse
 from cotree.scene.graphs import motion_spaces
 from cotree.scene.networks import Port, scalar_ports
 
 if TYPE_CHECKING:
-    from cotree.components.terminal import Friction, Stop
+    from cotree.components.terminal import Friction, Stop, Terminal
     from cotree.scene.description import SceneDescription
+    from cotree.scene.edge import Edge
 
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
@@ -95,8 +97,8 @@ def _with(
         edge, where = made.edges[port.edge.name], f"{what} '{port.edge.name}'"
         modes = modes_of(port)
         ways = _ways(port)
-        added = tuple(Field(field, "", doc, constant=False) for field, doc, _, _ in modes)
-        added += tuple(Field(field, "", _WAY, constant=False) for field in ways)
+        docs = {field: doc for field, doc, _, _ in modes} | dict.fromkeys(ways, _WAY)
+        added = tuple(Field(field, "", doc, constant=False) for field, doc in docs.items())
         component = replace(edge.component, fields=(*edge.component.fields, *added))
         fields = {field: parse(mode, where) for field, _, mode, _ in modes}
         fields |= {field: parse(text, where) for field, text in ways.items()}
@@ -279,25 +281,27 @@ class _Disc:
     @classmethod
     def of(cls, port: Port) -> _Disc:
         """Return the expressions for a disc, given the port of its first slip direction."""
-        friction, row = port.terminal.friction, DOMAINS[port.terminal.domain]
+        friction, edge = port.terminal.friction, port.edge
         assert friction is not None
-        ports = (port.name, *map(port.sibling, friction.followers))
+        slip, force = [], []
+        for terminal in edge.component.ports:
+            if terminal.port not in (port.terminal.port, *friction.followers):
+                continue
+            row, name = DOMAINS[terminal.domain], port.sibling(terminal.port)
+            is_turn = _turns_in_sleeve(edge, terminal)
+            slip.append(f"{name}.{row.across_symbol}{f'*{_radius(edge)}' if is_turn else ''}")
+            force.append(f"{name}.{row.through_symbol}{f'/{_radius(edge)}' if is_turn else ''}")
         return cls(
-            _holder(port) if friction.presser else port.edge.name,
+            _holder(port) if friction.presser else edge.name,
             (_holder(port), *(_holder(port, name) for name in friction.followers)),
-            tuple(f"{name}.{row.across_symbol}" for name in ports),
-            tuple(f"{name}.{row.through_symbol}" for name in ports),
+            tuple(slip),
+            tuple(force),
         )
 
     @property
     def directions(self) -> tuple[str, ...]:
         """Return the modes that store the sliding direction at its last update."""
         return tuple(f"{holder}.direction" for holder in self.holders)
-
-    @property
-    def along(self) -> str:
-        """Return the slip rate along the sliding direction."""
-        return _sum(f"{v}*{d}" for v, d in zip(self.slip, self.directions, strict=True))
 
     @property
     def slow(self) -> str:
@@ -310,6 +314,11 @@ class _Disc:
         return f"({_SLOWEST}*{self.slow})"
 
     @property
+    def along(self) -> str:
+        """Return the slip rate along the sliding direction."""
+        return _sum(f"{v}*{d}" for v, d in zip(self.slip, self.directions, strict=True))
+
+    @property
     def across(self) -> tuple[str, ...]:
         """Return the components of the slip perpendicular to the sliding direction."""
         if len(self.slip) == 2:
@@ -319,12 +328,24 @@ class _Disc:
         return tuple(f"({v} - {along}*{d})" for v, d in pairs)
 
 
+def _turns_in_sleeve(edge: Edge, terminal: Terminal) -> bool:
+    """Return whether the slip of a port is a rotation, whose speed counts at a radius."""
+    return terminal.domain == "rotational" and edge.component.ports[0].domain == "translational"
+
+
+def _radius(edge: Edge) -> str:
+    """Return the radius at which a rod rubs in its sleeve."""
+    radius = edge.fields["radius"]
+    assert isinstance(radius, Expression)
+    return f"({ast.unparse(radius.tree)})"
+
+
 def _sum(terms: Iterable[str]) -> str:
     return f"({' + '.join(terms)})"
 
 
 def _length(parts: Iterable[str]) -> str:
-    return f"sqrt({' + '.join(f'{part}**2' for part in parts)} + {_TINY}**2)"
+    return f"sqrt({' + '.join(f'({part})**2' for part in parts)} + {_TINY}**2)"
 
 
 def _disc_modes(port: Port) -> list[_ModeRow]:
@@ -353,6 +374,9 @@ def _ways(port: Port) -> dict[str, str]:
     The tangent of the angle does not change if slip reverses, so that the law is smooth at rest.
     """
     friction = port.terminal.friction
+    if friction is not None and friction.leader and _turns_in_sleeve(port.edge, port.terminal):
+        # The impulse state is minus the slip, which is a speed at the surface.
+        return {f"impulse{friction.suffix}": f"{_holder(port)}.impulse/{_radius(port.edge)}"}
     if friction is None or not friction.followers:
         return {}
     disc = _Disc.of(port)
@@ -403,9 +427,11 @@ def _disc_rows(port: Port) -> list[_Row]:
             (f"has an impulse along slide{i}", f"{hit}*{f}", part, own)
             for i, (f, part) in enumerate(zip(disc.force, parts, strict=True), start=1)
         ]
-    # The last target of each of three events is one component of the slip. In a ball joint, which
-    # has no stop, the second target of ``turns`` is one, too.
-    turn = own | directions if friction.presser else own | changes[0] | directions | changes[2]
+    # The last target of each of three events is one component of the slip. In a joint, which has no
+    # stop, the second target of ``turns`` is one, too.
+    turn = own | directions
+    if not friction.presser:
+        turn = own | changes[0] | directions | {k: v for c in changes[2:] for k, v in c.items()}
     rows: list[_Row] = [
         ("stops", f"{slides}*{along}", ModePart.SLIP, own | changes[0]),
         (

@@ -213,7 +213,7 @@ def test_rest_is_found_at_loose_tolerances(method):
 def test_what_a_ball_joint_refuses():
     with pytest.raises(SceneError, match="no backward direction: remove backward"):
         ball_joint({}, torque=0.3, backward=0.2).compile()
-    with pytest.raises(SceneError, match=r"three components: use stribeck_speed"):
+    with pytest.raises(SceneError, match=r"several components: use stribeck_speed"):
         ball_joint({}, torque=[[0, 0.3], [1, 0.2]]).compile()
 
 
