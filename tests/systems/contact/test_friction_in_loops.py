@@ -210,14 +210,16 @@ def test_a_slider_crank_with_friction_passes_its_dead_centres(joints):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("joints", ALL_JOINTS, ids=str)
 def test_joints_of_a_driven_slider_crank_rub_against_their_speeds(joints):
-    model = _slider_crank(joints, motion=f"{SPEED}*t + {START}").compile()
-    result = model.simulate((0, 2), rtol=1e-9)
+    model = _slider_crank(joints, motion=f"{SPEED}*t + {START}")
+    result = model.compile([f"F_{j}" for j in joints]).simulate((0, 2), rtol=1e-9)
     assert result.status == 0, result.message
     for joint, ratio in _ratios(SPEED * result.t + START).items():
         moves = np.abs(ratio) > 1e-3
-        if joint in joints:
-            exact = JOINTS[joint] * np.sign(ratio[moves])
-            assert result[f"o_{joint}"][moves] == pytest.approx(exact, abs=1e-12)
+        for by in joints if joint in joints else ():
+            side = np.sign(ratio[moves])
+            assert result[f"o_{joint}"][moves] == pytest.approx(JOINTS[joint] * side, abs=1e-12)
+            found = result.sensitivity(f"o_{joint}", f"F_{by}")[moves]
+            assert found == pytest.approx(side * (by == joint), abs=1e-12)
 
 
 def _time_from_dead_centre(joints, torque, angle):

@@ -53,13 +53,15 @@ def motion(mu, th, end):
     """Return angle and place of the ladder at the end, and the time at which it leaves the wall."""
 
     def leaves(_, z):
-        return sliding(z[0], z[1], mu)[1]
+        return sliding(z[0], z[1], mu)[1].real
 
     leaves.terminal = True
     tight = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
-    run = solve_ivp(
-        lambda _, z: [z[1], sliding(z[0], z[1], mu)[0]], (0, end), [th, 0.0], events=leaves, **tight
-    )
+
+    def slides(_, z):
+        return [z[1], sliding(z[0], z[1], mu)[0]]
+
+    run = solve_ivp(slides, (0, end), [th + 0j, 0j], events=leaves, **tight)
     angle, rate = run.y[:, -1]
     t, half = run.t[-1], LENGTH / 2
     start = [angle, rate, half * np.cos(angle), -half * np.sin(angle) * rate]
@@ -87,20 +89,19 @@ def test_it_stands_where_friction_bears_it_at_every_angle():
 @pytest.mark.parametrize("end", [0.4, 0.85])
 def test_it_slides_down_and_leaves_the_wall(end, method):
     model = ladder().compile(["mu", "th"])
-    result = model.simulate((0, end), method=method, rtol=1e-10, atol=1e-12)
+    result = model.simulate((0, end), method=method, rtol=1e-11, atol=1e-13)
     place, lifted = motion(MU, 1.0, end)
-    # Global errors of cvode and ida at 1e-10.
-    np.testing.assert_allclose([result["b.theta"][-1], result["b.x"][-1]], place, atol=5e-9)
+    # Global errors of cvode and ida, with slopes of up to some hundred after the wall is left.
+    close = 1e-7 if method in ("cvode", "ida") else 1e-9
+    found = [result["b.theta"][-1], result["b.x"][-1]]
+    np.testing.assert_allclose(found, place.real, rtol=close, atol=close)
     assert {name for name, row in result.events.items() if row.t.size} == (
         {"wall.normal lifts"} if lifted < end else set()
     )
-    h = 1e-4
-    for name, (mu, th) in {"mu": (h, 0.0), "th": (0.0, h)}.items():
-        # Of fourth order in h, since sensitivities grow steeply after the wall is left.
-        sides = [motion(MU + k * mu, 1.0 + k * th, end)[0] for k in (-2, -1, 1, 2)]
-        slope = (sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (12 * h)
+    for name, (mu, th) in {"mu": (1e-30j, 0.0), "th": (0.0, 1e-30j)}.items():
+        slope = motion(MU + mu, 1.0 + th, end)[0].imag / 1e-30
         found = [result.sensitivity(state, name)[-1] for state in ("b.theta", "b.x")]
-        np.testing.assert_allclose(found, slope, atol=5e-8)
+        np.testing.assert_allclose(found, slope, rtol=close, atol=close)
 
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
