@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cotree import ParameterError, load
-from cotree.model import columns
+from cotree.model import columns, kernels
 
 # Scenes with inputs, outputs, algebraic unknowns, constraints, and sensitivities that vanish.
 SCENES = ["slider-pendulum", "bridge-rectifier", "motor-linkage", "battery-cell"]
@@ -146,3 +146,21 @@ def test_lanes_stop_at_the_column_that_a_guard_rejects(monkeypatch):
     p[model.parameters.index("m1"), 21] = -1.0
     with pytest.raises(ParameterError, match="column 21: "):
         model.rhs(0.0, y, p)
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("features", ["", "avx2", "avx2 fma"])
+def test_lanes_of_other_processors_agree(features, monkeypatch):
+    if not set(features.split()) <= set(kernels.cpu_features().split()):
+        pytest.skip(f"this processor lacks {features}")
+    monkeypatch.setattr(columns, "_MANY", 8)
+    monkeypatch.setattr(kernels, "cpu_features", lambda: features)
+    for name in ("battery-cell", "slider-pendulum"):
+        model = load(name).compile()
+        y = model.initial_state[:, None] + 0.1 * np.random.default_rng(5).random((1, 19))
+        together = model.rhs(0.1, y)
+        alone = np.transpose([model.rhs(0.1, column) for column in y.T])
+        assert model.kernels.code.in_lanes("rhs") is not None
+        if name == "battery-cell" and "fma" not in features:
+            assert np.array_equal(together, alone)
+        np.testing.assert_allclose(together, alone, rtol=1e-13, atol=1e-14)
