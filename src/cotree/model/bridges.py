@@ -14,7 +14,7 @@ from cotree.errors import ParameterError
 from cotree.model.columns import input_jacobian
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from cotree.model.arrays import Array
     from cotree.model.linearize import Linearizer
@@ -275,11 +275,7 @@ def jax_function(rates: Rates) -> Any:
 
         @batch.def_vmap  # type: ignore[untyped-decorator]
         def rule(size: int, in_batched: Any, *arguments: Any) -> Any:
-            ranks = [row.ndim - new for row, new in zip(arguments, in_batched, strict=True)]
-            rows = [
-                row.reshape(size, *[1] * (max(ranks) - rank), *row.shape[1:]) if new else row
-                for row, new, rank in zip(arguments, in_batched, ranks, strict=True)
-            ]
+            rows = _aligned(arguments, in_batched)
             return batch(*rows), jax.tree.map(lambda _: True, shapes)
 
         return batch
@@ -306,6 +302,15 @@ def jax_function(rates: Rates) -> Any:
         return many(*_checked(rates, convert, x, u, rates.values if p is None else p))
 
     return called
+
+
+def _aligned(rows: Sequence[Any], is_new: Sequence[bool]) -> list[Any]:
+    """Insert axes behind new first axes, so that all leading axes are broadcast together."""
+    most = max(row.ndim - new for row, new in zip(rows, is_new, strict=True))
+    return [
+        row.reshape(row.shape[0], *[1] * (most + 1 - row.ndim), *row.shape[1:]) if new else row
+        for row, new in zip(rows, is_new, strict=True)
+    ]
 
 
 def _with_axes(jax: Any, lead: tuple[int, ...], shapes: Any) -> Any:
@@ -340,15 +345,13 @@ def torch_function(rates: Rates) -> Any:
             return tuple(torch.from_numpy(np.ascontiguousarray(row)).to(where) for row in found)
         return torch.from_numpy(np.ascontiguousarray(found)).to(where)
 
-    def aligned(size: int, in_dims: Any, arguments: Any) -> Any:
-        """Move the new axis of a batch to the front of all arguments, whose axes are broadcast."""
-        ranks = [row.ndim - (dim is not None) for row, dim in zip(arguments, in_dims, strict=True)]
-        rows = []
-        for row, dim, rank in zip(arguments, in_dims, ranks, strict=True):
-            moved = row[None] if dim is None else row.movedim(dim, 0)
-            ones = [1] * (max(ranks) - rank)
-            rows.append(moved.reshape(moved.shape[0], *ones, *moved.shape[1:]))
-        return rows
+    def aligned(in_dims: Any, arguments: Any) -> Any:
+        """Move the new axis of a batch to the front of the arguments that have it."""
+        moved = (
+            row if dim is None else row.movedim(dim, 0)
+            for row, dim in zip(arguments, in_dims, strict=True)
+        )
+        return _aligned([*moved], [dim is not None for dim in in_dims])
 
     class Derivatives(torch.autograd.Function):  # type: ignore[misc]
         """The Jacobian of the rates for each argument."""
@@ -363,7 +366,7 @@ def torch_function(rates: Rates) -> Any:
 
         @staticmethod
         def vmap(info: Any, in_dims: Any, *arguments: Any) -> Any:
-            found = Derivatives.apply(*aligned(info.batch_size, in_dims, arguments))
+            found = Derivatives.apply(*aligned(in_dims, arguments))
             return found, (0, 0, 0)
 
         @staticmethod
@@ -384,7 +387,7 @@ def torch_function(rates: Rates) -> Any:
 
         @staticmethod
         def vmap(info: Any, in_dims: Any, *arguments: Any) -> Any:
-            return Function.apply(*aligned(info.batch_size, in_dims, arguments)), 0
+            return Function.apply(*aligned(in_dims, arguments)), 0
 
         @staticmethod
         def backward(ctx: Any, change: Any) -> Any:
