@@ -2,6 +2,7 @@
 #include "cotree_fmu_internal.h"
 
 #include <stdarg.h>
+#include <stddef.h>
 #include <stdio.h>
 
 /* Allocate the arrays of the state, in the order in which they are saved. */
