@@ -179,6 +179,26 @@ static int residual(double since, void *y, void *dy, void *left, void *data)
 /* Return the status for a return value of SUNDIALS. Positive values are statuses of cotree. */
 static int status_of(cotree_job *job, int flag)
 {
+    /* Return values of SUNDIALS, and the statuses that they mean. */
+    static const int rows[][2] = {
+        {-2, COTREE_TOO_TIGHT},
+        {-3, COTREE_ERROR_TEST_FAILED},
+        {-4, COTREE_NOT_CONVERGED},
+        {-8, COTREE_RATE_STOPPED},
+        {-42, COTREE_SENSITIVITIES_FAILED},
+#if COTREE_IDA
+        {-9, COTREE_RATE_FAILED},
+        {-12, COTREE_CANNOT_START},
+#else
+        {-9, COTREE_CANNOT_START},
+        {-10, COTREE_RATE_FAILED},
+        {-11, COTREE_RATE_FAILED},
+        {-41, COTREE_SENSITIVITIES_FAILED},
+        {-43, COTREE_SENSITIVITIES_FAILED},
+        {-44, COTREE_SENSITIVITIES_FAILED},
+#endif
+    };
+    size_t i;
     if (flag >= 0) return flag;
     job->flag = flag;
 #if !COTREE_IDA
@@ -186,37 +206,8 @@ static int status_of(cotree_job *job, int flag)
         return COTREE_RATE_FAILED; /* the rates fail at any step size */
     }
 #endif
-    switch (flag) {
-    case -2:
-        return COTREE_TOO_TIGHT;
-    case -3:
-        return COTREE_ERROR_TEST_FAILED;
-    case -4:
-        return COTREE_NOT_CONVERGED;
-    case -8:
-        return COTREE_RATE_STOPPED;
-#if COTREE_IDA
-    case -9:
-        return COTREE_RATE_FAILED;
-    case -12:
-        return COTREE_CANNOT_START;
-    case -42:
-        return COTREE_SENSITIVITIES_FAILED;
-#else
-    case -9:
-        return COTREE_CANNOT_START;
-    case -10:
-    case -11:
-        return COTREE_RATE_FAILED;
-    case -41:
-    case -42:
-    case -43:
-    case -44:
-        return COTREE_SENSITIVITIES_FAILED;
-#endif
-    default:
-        return COTREE_FLAGGED;
-    }
+    for (i = 0; i < sizeof rows / sizeof rows[0] && rows[i][0] != flag;) ++i;
+    return i < sizeof rows / sizeof rows[0] ? rows[i][1] : COTREE_FLAGGED;
 }
 
 static int set_tolerances(cotree_job *job)
