@@ -550,58 +550,46 @@ int cotree_events_apply(cotree_events *e)
 
 const char *cotree_events_message(int status)
 {
-    switch (status) {
-    case COTREE_EVENTS_FAILED:
-        return "its equations cannot be evaluated";
-    case COTREE_EVENTS_NOT_FINITE:
-        return "its event function is not finite";
-    case COTREE_EVENTS_SET_NOT_FINITE:
-        return "its new values are not finite";
-    case COTREE_EVENTS_CONTRADICT:
-        return "its new values contradict the constraints";
-    case COTREE_EVENTS_UNDERDETERMINED:
-        return "its new values do not determine all states, so that sensitivities do not exist";
-    case COTREE_EVENTS_REST_AT_ZERO:
-        return "it leaves no speed away from zero, so that the motion continues through it";
-    case COTREE_EVENTS_GRAZING:
-        return "its function only touches zero, so that sensitivities do not exist";
-    case COTREE_EVENTS_ACCUMULATE:
-        return "it recurs ever faster and accumulates";
-    case COTREE_EVENTS_CHATTER:
-        return "it occurs too often within a short time (chattering)";
-    case COTREE_EVENTS_CASCADE:
-        return "it and other events trigger each other without end";
-    case COTREE_EVENTS_SLIDING:
-        return "the motion is driven towards a jump from both sides, and slides along it";
-    case COTREE_EVENTS_LEAVES_JUMP:
-        return "a value leaves the jump at which it rested, and its direction is not determined";
-    case COTREE_EVENTS_NOT_COMMUTING:
-        return "the motion depends on the order of simultaneous jumps, so that sensitivities do "
-               "not exist";
-    case COTREE_EVENTS_NO_MODES:
-        return "dry friction and rigid stops have no consistent modes";
-    case COTREE_EVENTS_INDETERMINATE:
-        return "the losses of a gear depend on forces of sticking friction, which are not unique";
-    case COTREE_EVENTS_LOCKED_DIRECTION:
-        return "a one-way clutch turns in its locked direction";
-    case COTREE_EVENTS_NEGATIVE_GAP:
-        return "the gap of a rigid stop is negative at the start";
-    case COTREE_EVENTS_NO_IMPULSES:
-        return "rigid stops have no consistent impulses";
-    case COTREE_EVENTS_COUPLED_IMPACTS:
-        return "the motion depends on the order of simultaneous impacts, so that sensitivities do "
-               "not exist";
-    case COTREE_EVENTS_ENERGY_GAIN:
-        return "the impact would increase the energy";
-    case COTREE_EVENTS_NOT_UNIQUE:
-        return "friction allows a contact both to stay closed and to open, so that the motion is "
-               "not unique";
-    case COTREE_EVENTS_LOSSY_IMPACT:
-        return "an impact acts through a gear with losses, whose laws hold only for steady forces";
-    case COTREE_EVENTS_LEAVES_ROOT:
-        return "a root with an infinite slope drives its argument away from zero, where it rested";
-    case COTREE_EVENTS_BELOW_TOLERANCE:
-        return "its impacts are slower than the error tolerance resolves";
-    }
-    return "the status is unknown";
+    static const cotree_message messages[] = {
+        {COTREE_EVENTS_FAILED, "its equations cannot be evaluated"},
+        {COTREE_EVENTS_NOT_FINITE, "its event function is not finite"},
+        {COTREE_EVENTS_SET_NOT_FINITE, "its new values are not finite"},
+        {COTREE_EVENTS_CONTRADICT, "its new values contradict the constraints"},
+        {COTREE_EVENTS_UNDERDETERMINED,
+         "its new values do not determine all states, so that sensitivities do not exist"},
+        {COTREE_EVENTS_REST_AT_ZERO,
+         "it leaves no speed away from zero, so that the motion continues through it"},
+        {COTREE_EVENTS_GRAZING,
+         "its function only touches zero, so that sensitivities do not exist"},
+        {COTREE_EVENTS_ACCUMULATE, "it recurs ever faster and accumulates"},
+        {COTREE_EVENTS_CHATTER, "it occurs too often within a short time (chattering)"},
+        {COTREE_EVENTS_CASCADE, "it and other events trigger each other without end"},
+        {COTREE_EVENTS_SLIDING,
+         "the motion is driven towards a jump from both sides, and slides along it"},
+        {COTREE_EVENTS_LEAVES_JUMP,
+         "a value leaves the jump at which it rested, and its direction is not determined"},
+        {COTREE_EVENTS_NOT_COMMUTING,
+         "the motion depends on the order of simultaneous jumps, so that sensitivities do "
+         "not exist"},
+        {COTREE_EVENTS_NO_MODES, "dry friction and rigid stops have no consistent modes"},
+        {COTREE_EVENTS_INDETERMINATE,
+         "the losses of a gear depend on forces of sticking friction, which are not unique"},
+        {COTREE_EVENTS_LOCKED_DIRECTION, "a one-way clutch turns in its locked direction"},
+        {COTREE_EVENTS_NEGATIVE_GAP, "the gap of a rigid stop is negative at the start"},
+        {COTREE_EVENTS_NO_IMPULSES, "rigid stops have no consistent impulses"},
+        {COTREE_EVENTS_COUPLED_IMPACTS,
+         "the motion depends on the order of simultaneous impacts, so that sensitivities do "
+         "not exist"},
+        {COTREE_EVENTS_ENERGY_GAIN, "the impact would increase the energy"},
+        {COTREE_EVENTS_NOT_UNIQUE,
+         "friction allows a contact both to stay closed and to open, so that the motion is "
+         "not unique"},
+        {COTREE_EVENTS_LOSSY_IMPACT,
+         "an impact acts through a gear with losses, whose laws hold only for steady forces"},
+        {COTREE_EVENTS_LEAVES_ROOT,
+         "a root with an infinite slope drives its argument away from zero, where it rested"},
+        {COTREE_EVENTS_BELOW_TOLERANCE, "its impacts are slower than the error tolerance resolves"},
+        {-1, "the status is unknown"},
+    };
+    return cotree_find_message(messages, status);
 }

@@ -3,49 +3,32 @@
 
 const char *cotree_status_message(cotree_status status)
 {
-    switch (status) {
-    case COTREE_OK:
-        return "success";
-    case COTREE_BAD_ARGUMENT:
-        return "a size, time, tolerance or initial value is out of range";
-    case COTREE_TOO_MANY_STEPS:
-        return "too many steps are needed";
-    case COTREE_STEP_TOO_SMALL:
-        return "the step size fell to rounding level";
-    case COTREE_RATE_FAILED:
-        return "the right-hand side fails";
-    case COTREE_RATE_NOT_FINITE:
-        return "the right-hand side is not finite";
-    case COTREE_RATE_STOPPED:
-        return "the right-hand side stopped the integration";
-    case COTREE_PROJECTION_FAILED:
-        return "the projection onto the constraints fails, or moves a step by many tolerances";
-    case COTREE_NOT_FINITE:
-        return "the solution is no longer finite";
-    case COTREE_NOT_SOLVED:
-        return "the algebraic unknowns cannot be solved for";
+    static const cotree_message messages[] = {
+        {COTREE_OK, "success"},
+        {COTREE_BAD_ARGUMENT, "a size, time, tolerance or initial value is out of range"},
+        {COTREE_TOO_MANY_STEPS, "too many steps are needed"},
+        {COTREE_STEP_TOO_SMALL, "the step size fell to rounding level"},
+        {COTREE_RATE_FAILED, "the right-hand side fails"},
+        {COTREE_RATE_NOT_FINITE, "the right-hand side is not finite"},
+        {COTREE_RATE_STOPPED, "the right-hand side stopped the integration"},
+        {COTREE_PROJECTION_FAILED,
+         "the projection onto the constraints fails, or moves a step by many tolerances"},
+        {COTREE_NOT_FINITE, "the solution is no longer finite"},
+        {COTREE_NOT_SOLVED, "the algebraic unknowns cannot be solved for"},
 #if COTREE_HAS_ALGEBRAIC
-    case COTREE_FOLD:
-        return "the algebraic unknowns would jump to another solution";
+        {COTREE_FOLD, "the algebraic unknowns would jump to another solution"},
 #endif
-    case COTREE_NOT_PROJECTED:
-        return "the constraints cannot be satisfied";
+        {COTREE_NOT_PROJECTED, "the constraints cannot be satisfied"},
 #if COTREE_HAS_SUNDIALS
-    case COTREE_NO_MEMORY:
-        return "SUNDIALS could not allocate memory";
-    case COTREE_CANNOT_START:
-        return "the integrator cannot start";
-    case COTREE_TOO_TIGHT:
-        return "the tolerances are too tight for double precision";
-    case COTREE_ERROR_TEST_FAILED:
-        return "the error test failed repeatedly, or at the minimum step size";
-    case COTREE_NOT_CONVERGED:
-        return "Newton's method failed repeatedly, or at the minimum step size";
-    case COTREE_SENSITIVITIES_FAILED:
-        return "the rates of the sensitivities cannot be evaluated";
-    case COTREE_FLAGGED:
-        return "the integrator returned an unknown flag";
+        {COTREE_NO_MEMORY, "SUNDIALS could not allocate memory"},
+        {COTREE_CANNOT_START, "the integrator cannot start"},
+        {COTREE_TOO_TIGHT, "the tolerances are too tight for double precision"},
+        {COTREE_ERROR_TEST_FAILED, "the error test failed repeatedly, or at the minimum step size"},
+        {COTREE_NOT_CONVERGED, "Newton's method failed repeatedly, or at the minimum step size"},
+        {COTREE_SENSITIVITIES_FAILED, "the rates of the sensitivities cannot be evaluated"},
+        {COTREE_FLAGGED, "the integrator returned an unknown flag"},
 #endif
-    }
-    return "the status is unknown";
+        {-1, "the status is unknown"},
+    };
+    return cotree_find_message(messages, (int)status);
 }

@@ -76,6 +76,19 @@ typedef enum cotree_status {
     COTREE_NOT_PROJECTED = 11 /* the projection fails at a point to be stored */
 } cotree_status;
 
+/* A status and its description. */
+typedef struct cotree_message {
+    int status;
+    const char *text;
+} cotree_message;
+
+/* Return the description of a status. The last row, with a negative status, describes others. */
+static inline const char *cotree_find_message(const cotree_message *rows, int status)
+{
+    while (rows->status >= 0 && rows->status != status) ++rows;
+    return rows->text;
+}
+
 COTREE_BEGIN_DECLS
 
 /* Return the description of a status as a clause. */
