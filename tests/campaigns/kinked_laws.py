@@ -178,32 +178,43 @@ def scene_of(name: str, situation: str, *, is_registered: bool) -> Scene:
     return scene
 
 
+_STEP = 1e-4  # of parameters, for differences
+
+
 @cache  # the reference is the same for expressions and registered laws
-def expected(name: str, situation: str, **changed: float) -> float:
-    """Integrate with SciPy in short steps: what C.v is in the end."""
-    law, values = LAWS[name], {**VALUES, **changed}
-    at, level, value = values[law.at], _level(law), _number(law)
+def expected(name: str, situation: str, parameters: tuple[str, ...] = ()) -> list[float]:
+    """Integrate with SciPy in short steps: what C.v is in the end.
+
+    The first value is that of the given parameters. Two values for each of ``parameters`` follow,
+    with a larger and a smaller value of the parameter.
+    """
+    law, level, value = LAWS[name], _level(LAWS[name]), _number(LAWS[name])
+    shifted = [(row, VALUES[row] + h) for row in parameters for h in (_STEP, -_STEP)]
+    every = [VALUES, *({**VALUES, row: own} for row, own in shifted)]
+    places = [values[law.at] for values in every]
     if law.is_steep and situation == "decay":
-        return at  # an infinite slope brings it to rest in a finite time, within which Radau hangs
-    rates = {
-        "cross": lambda t, v: 3 * math.sin(5 * t) - value(v, values),
-        "start": lambda t, v: level + 1.3 * math.sin(3 * t) - value(v, values),
-        "rest": lambda t, v: level - value(v, values),
-        "decay": lambda t, v: level + 2 * (at - v) - value(v, values),
-        "touch": lambda t, v: value(at + 0.5 + 0.5 * math.cos(3 * t), values),
-    }
-    starts = {"cross": at + 0.4, "start": at, "rest": at, "decay": at + 0.4, "touch": 0.0}
+        # An infinite slope brings it to rest in a finite time, within which Radau hangs.
+        return places
+    rate = {
+        "cross": lambda t, v, at, own: 3 * math.sin(5 * t) - value(v, own),
+        "start": lambda t, v, at, own: level + 1.3 * math.sin(3 * t) - value(v, own),
+        "rest": lambda t, v, at, own: level - value(v, own),
+        "decay": lambda t, v, at, own: level + 2 * (at - v) - value(v, own),
+        "touch": lambda t, v, at, own: value(at + 0.5 + 0.5 * math.cos(3 * t), own),
+    }[situation]
+    above = {"cross": 0.4, "start": 0.0, "rest": 0.0, "decay": 0.4}
+    starts = [at + above[situation] if situation in above else 0.0 for at in places]
     found = solve_ivp(
-        lambda t, y: [rates[situation](t, y[0])],
+        lambda t, y: [rate(t, *of) for of in zip(y, places, every, strict=True)],
         (0, END),
-        [starts[situation]],
+        starts,
         # Explicit steps do not come to rest at an infinite slope.
         method="Radau" if law.is_steep else "DOP853",
         rtol=1e-10,
         atol=1e-12,
         max_step=0.01,
     )
-    return float(found.y[0, -1])
+    return [float(end) for end in found.y[:, -1]]
 
 
 def slopes(name: str, situation: str, parameters: list[str]) -> dict[str, float]:
@@ -214,15 +225,9 @@ def slopes(name: str, situation: str, parameters: list[str]) -> dict[str, float]
     law = LAWS[name]
     if law.is_steep or situation == "rest" or (situation == "decay" and law.at != "z"):
         return {}
-    h = 1e-4
-    return {
-        parameter: (
-            expected(name, situation, **{parameter: VALUES[parameter] + h})
-            - expected(name, situation, **{parameter: VALUES[parameter] - h})
-        )
-        / (2 * h)
-        for parameter in parameters
-    }
+    _, *ends = expected(name, situation, tuple(parameters))
+    differences = zip(parameters, ends[::2], ends[1::2], strict=True)
+    return {parameter: (more - less) / (2 * _STEP) for parameter, more, less in differences}
 
 
 def faults(
@@ -233,7 +238,8 @@ def faults(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of parameters that nothing depends on
         model = scene.compile(parameters, optimize="-O0")
-    want, along = expected(name, situation), slopes(name, situation, parameters)
+    along = slopes(name, situation, parameters)
+    want = expected(name, situation, tuple(parameters) if along else ())[0]
     for method in methods:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # runs that stop are told by their status
