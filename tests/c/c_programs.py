@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -38,7 +39,7 @@ def build(project: CProject, compiler: str) -> str:
     """Build the project as its own command does, made stricter; give the executable.
 
     Sanitizers take a compiler ten times as long at -O2 as without optimisation; what is the same
-    for every model is compiled once for all tests.
+    for several models is compiled once for all tests.
     """
     command = project.command.split()
     level = ["-O0" if word == "-O2" else word for word in command[1:]]
@@ -56,8 +57,7 @@ def _object(command: list[str], folder: Path, source: str) -> str:
     if not source.startswith("cotree_"):
         run([*command, "-c", source], folder)
         return source.removesuffix(".c") + ".o"
-    texts = [(folder / source).read_text()]
-    texts += [path.read_text() for path in sorted(folder.glob("cotree_*.h"))]
+    texts = [path.read_text() for path in _included(folder / source)]
     key = hashlib.sha256("\0".join([*command, *texts]).encode()).hexdigest()
     kept = Path(os.environ["COTREE_CACHE_DIR"]).with_name("objects") / f"{key}.o"
     if not kept.exists():
@@ -68,6 +68,15 @@ def _object(command: list[str], folder: Path, source: str) -> str:
         shutil.copy(own, kept.with_suffix(f".{os.getpid()}"))
         kept.with_suffix(f".{os.getpid()}").replace(kept)
     return str(kept)
+
+
+def _included(source: Path) -> list[Path]:
+    """Return a file and all files of its folder that it includes."""
+    found = [source]
+    for path in found:
+        names = re.findall(r'#include "(\w+\.h)"', path.read_text())
+        found += [own for own in map(source.with_name, names) if own not in found]
+    return found
 
 
 def printed(text: str) -> dict[str, float]:

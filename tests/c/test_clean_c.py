@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import filelock
 import pytest
-from c_programs import SANITIZE, STRICT, execute, need
+from c_programs import STRICT, build, execute, need, run
 
 import cotree
 from cotree.codegen.c_files import INTEGRATORS
@@ -214,14 +214,12 @@ def test_runs_touch_no_foreign_memory(name: str, checker: str, real: str, tmp_pa
         project = model.write(tmp_path / integrator, integrator, real=real)
         if checker == "valgrind":
             need("valgrind")
-            command = [*project.command.replace("-O2", "-O1 -g").split()]
+            command = project.command.replace("-O2", "-O1 -g").split()
             calls = ["valgrind", "--quiet", "--error-exitcode=99", "--leak-check=full"]
+            run(command, project.directory)
+            program = f"./{command[command.index('-o') + 1]}"
         else:
-            command = [*project.command.replace("-O2", "-O1").split(), *SANITIZE]
-            calls = []
-        done = execute(command, project.directory)
-        assert done.returncode == 0, done.stderr
-        program = f"./{command[command.index('-o') + 1]}"
+            calls, program = [], build(project, "gcc")
         # A tenth of the run, in which all that there is happens once at least.
         defaults = model.spec.scene.defaults
         done = execute([*calls, program, "--t-end", repr(0.1 * defaults.t_end)], project.directory)
