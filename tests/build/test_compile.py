@@ -216,16 +216,15 @@ def test_compiler_reads_nothing_and_leaves_no_temporary_files(files, make_script
     assert {path.name for path in cache.iterdir()} == {"failed"}
 
 
-@pytest.mark.parametrize("shared", [{}, {"same.c": "int same;\n"}])
-def test_compiler_that_says_and_writes_nothing(make_script, shared):
+@pytest.mark.parametrize("others", [{}, {"cotree_own.c": "int other;\n"}])
+def test_compiler_that_says_and_writes_nothing(make_script, others):
     with pytest.raises(BuildError, match=r"ended without an error on .*, but wrote no file"):
         build_library(
-            {"own.c": "int own;\n"},
+            {"own.c": "int own;\n", **others},
             abi_version=1,
             n_operations=1,
             options=BuildOptions("-O0"),
             toolchain=scripted(make_script("exit 0")),
-            shared=shared,
         )
 
 
@@ -280,8 +279,13 @@ def test_files_are_compiled_apart_each_at_its_level(toolchain):
 
 
 @pytest.mark.compiler
-def test_objects_of_shared_files_serve_other_libraries(toolchain, cache: Path, monkeypatch):
-    shared = {"same.h": "int two(void);\n", "same.c": "int two(void) { return 2; }\n"}
+def test_objects_of_the_runtime_serve_other_libraries(toolchain, cache: Path, monkeypatch):
+    shared = {
+        "cotree_a.h": "int two(void);\n",
+        "cotree_b.h": '#include "cotree_a.h"\n',
+        "cotree_c.c": '#include "cotree_b.h"\nint two(void) { return 2; }\n',
+        "cotree_d.h": "",
+    }
     compiled: list[str] = []
 
     def counted(command, *others):
@@ -292,26 +296,27 @@ def test_objects_of_shared_files_serve_other_libraries(toolchain, cache: Path, m
     monkeypatch.setattr(compile_module, "run_limited", counted)
 
     def value(number: int, **texts: str) -> int:
-        own = f'#include "same.h"\nint own(void) {{ return two() + {number}; }}\n'
+        own = f'#include "cotree_a.h"\nint own(void) {{ return two() + {number}; }}\n'
         built = build_library(
             {**shared, "own.c": own, **texts},
             abi_version=1,
             n_operations=1,
             options=BuildOptions("-O0"),
             toolchain=toolchain,
-            shared=shared,
         )
         return ctypes.CDLL(str(built.path)).own()
 
     assert [value(1), value(2)] == [3, 4]
-    assert compiled.count("same.c") == 1
-    # Another text of a shared header, or an object that was damaged, is compiled again.
-    assert value(3, **{"same.h": "int two(void);  \n"}) == 5
-    assert compiled.count("same.c") == 2
+    assert compiled.count("cotree_c.c") == 1
+    # Another text of an included header, or a damaged object, is compiled again.
+    assert value(3, **{"cotree_d.h": "int unused(void);\n"}) == 5
+    assert compiled.count("cotree_c.c") == 1
+    assert value(3, **{"cotree_a.h": "int two(void);  \n"}) == 5
+    assert compiled.count("cotree_c.c") == 2
     for kept in cache.glob("*.o"):
         kept.write_bytes(b"damaged")
     assert value(4) == 6
-    assert compiled.count("same.c") == 3
+    assert compiled.count("cotree_c.c") == 3
     assert clear_cache() > 0
     assert not list(cache.glob("*.o"))
 

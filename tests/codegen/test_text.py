@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from jinja2 import meta, nodes
 from made_up_scenes import HOSTILE, busy_scene
 
-from cotree.codegen.c_files import STEPPERS, cdef, engine_files, render_model, shared_files
+from cotree.build.compile import included_files
+from cotree.codegen.c_files import STEPPERS, cdef, engine_files, render_model
 from cotree.codegen.context import KernelContext, ModelContext, model_context
 from cotree.codegen.maps import MapContext
 from cotree.codegen.node_statements import print_nodes
@@ -273,13 +274,10 @@ def test_counts_in_comments_are_those_of_the_program(made_up):
     assert math.isclose(rhs.n_operations, 3)
 
 
-def test_shared_files_of_engines_are_the_same_and_include_each_other_only():
+def test_engines_share_the_objects_of_the_runtime():
     first = engine_files(STEPPERS[0])
     for stepper in STEPPERS:
         files = engine_files(stepper)
-        shared = shared_files(files)
-        assert {"cotree_run.c", "cotree_events.c", "cotree_job.c", "cotree_abi.h"} <= shared
-        for name in shared:
-            assert files[name] == first[name]
-            included = set(re.findall(r'#include "([^"]+)"', files[name]))
-            assert included <= shared, name
+        for module in ("assembly", "events", "job", "jumps", "least", "run"):
+            name = f"cotree_{module}.c"
+            assert included_files(files, name) == included_files(first, name)

@@ -41,7 +41,7 @@ from cotree.errors import BuildError, nearest
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from cffi import FFI
@@ -95,7 +95,11 @@ class BuildOptions:
 
 
 def compiler_flags(
-    toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all: int = 0
+    toolchain: Toolchain,
+    options: BuildOptions,
+    n_operations: int,
+    n_all: int = 0,
+    is_windows: bool = sys.platform == "win32",
 ) -> tuple[str, ...]:
     """Return the compiler flags that precede the file names.
 
@@ -103,7 +107,7 @@ def compiler_flags(
     """
     flags = ["-std=c99", _level(toolchain, options, n_operations, n_all)]
     # On Windows, code is always relocatable, and clang rejects the flag.
-    if sys.platform != "win32":
+    if not is_windows:
         flags.append("-fPIC")
     # Fused operations round once instead of twice, which changes the last digits.
     contract = "fast" if options.native else "off"
@@ -178,6 +182,7 @@ def _is_x86() -> bool:
 
 
 _FILE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\.[ch]")
+_INCLUDE = re.compile(r'^\s*#\s*include "(.+)"', re.MULTILINE)
 _OUTPUT = "library.so"
 # Maximum number of attempts to build a library while other processes call clear_cache().
 ATTEMPTS = 3
@@ -206,7 +211,8 @@ def build_library(
     options: BuildOptions,
     toolchain: Toolchain,
     levels: Mapping[str, str] = MappingProxyType({}),
-    shared: Collection[str] = (),
+    flags: Sequence[str] = (),
+    is_windows: bool = sys.platform == "win32",
 ) -> BuiltLibrary:
     """Return a model's library from the cache, or compile it.
 
@@ -214,13 +220,15 @@ def build_library(
     ----------
     files : mapping of str to str
         C text by file name. The ``.c`` files are compiled in parallel, each with all ``.h`` files.
+        Object files of ``cotree_*.c``, which other libraries may contain too, are cached.
     n_operations, n_all : int
         Number of operations in the longest C function, and in all functions.
     levels : mapping of str to str
         Optimisation levels and additional flags of individual files, separated by blanks.
-    shared : collection of str
-        Files that other libraries contain with the same text, and that include only each other. The
-        object files of these ``.c`` files are cached.
+    flags : sequence of str
+        Additional flags of all files.
+    is_windows : bool
+        Whether the library is for Windows.
 
     Raises
     ------
@@ -230,10 +238,10 @@ def build_library(
     """
     start = time.perf_counter()
     sources = _source_names(files)
-    flags = compiler_flags(toolchain, options, n_operations, n_all)
-    is_native = options.native or any("=native" in level for level in levels.values())
+    flags = (*compiler_flags(toolchain, options, n_operations, n_all, is_windows), *flags)
 
     def key_of(texts: Mapping[str, str], *others: str) -> str:
+        is_native = any("=native" in flag for flag in (*flags, *others))
         return cache_key(
             texts,
             abi_version=abi_version,
@@ -251,11 +259,10 @@ def build_library(
     found = find_published(key)
     path = found
     if path is None:
-        headers = {name: files[name] for name in shared if name.endswith(".h")}
         # All steps except the last, which builds the library, build object files.
         steps[:-1] = [
-            replace(step, key=key_of({**headers, name: files[name]}, levels.get(name, "")))
-            if (name := step.source) in shared
+            replace(step, key=key_of(included_files(files, name), levels.get(name, "")))
+            if (name := step.source).startswith("cotree_")
             else step
             for step in steps[:-1]
         ]
@@ -264,6 +271,15 @@ def build_library(
             path = found or _compile(files, steps, key, options.time_limit)
     commands = " && ".join(shlex.join(step.command) for step in steps)
     return BuiltLibrary(path, time.perf_counter() - start, found is not None, commands)
+
+
+def included_files(files: Mapping[str, str], name: str) -> dict[str, str]:
+    """Return a file and all others that it includes, also through other files, by name."""
+    found = [name]
+    for own in found:
+        included = _INCLUDE.findall(files[own])
+        found += [other for other in included if other in files and other not in found]
+    return {own: files[own] for own in found}
 
 
 def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:

@@ -120,9 +120,6 @@ INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 #: Names of all C steppers: cotree's methods and the SUNDIALS libraries.
 STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
-#: Modules that all engines share. They include only each other and are compiled once.
-SHARED_MODULES = ("assembly", "events", "job", "jumps", "least", "run")
-
 #: Context of the templates of all methods.
 _COMMON: dict[str, Any] = {"generator": VERSION, "limits": LIMITS}
 
@@ -163,12 +160,6 @@ def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
     files = {**with_runtime(own, features=features), **whole}
     parts = [files.pop(part) for part in [*_INLINED, *own] if part.endswith(".c") and part in files]
     return {**files, "engine.c": "\n".join(parts)}
-
-
-def shared_files(files: Iterable[str]) -> frozenset[str]:
-    """Return the names of the files among ``files`` that all engines have in common."""
-    shared = with_runtime(_sources(SHARED_MODULES), has_sources=False)
-    return frozenset(shared.keys() & {*files})
 
 
 def _sources(modules: Iterable[str]) -> dict[str, str]:

@@ -304,17 +304,15 @@ class SharedCode(NamedTuple):
 
     files: Mapping[str, str]  # contents of the C files by name
     declarations: str  # C declarations for cffi
-    shared: frozenset[str]  # names of files that several libraries include
 
 
 def shared_code(library: str, stepper: str = "", *, has_events: bool = True) -> SharedCode:
     """Return the cached C text of a library; only ``engine`` depends on the other arguments."""
 
     def render() -> SharedCode:
-        from cotree.codegen.c_files import library_texts, shared_files
+        from cotree.codegen.c_files import library_texts
 
-        files, declared = library_texts(library, stepper, has_events=has_events)
-        return SharedCode(files, declared, shared_files(files))
+        return SharedCode(*library_texts(library, stepper, has_events=has_events))
 
     return cached((library, stepper, has_events), render)
 
@@ -335,7 +333,6 @@ def build_engine(code: SharedCode) -> LoadedLibrary | None:
             options=BuildOptions("-O1"),
             toolchain=toolchain,
             levels={"engine.c": loop_flags(toolchain)},
-            shared=code.shared,
         )
     except BuildError:
         return None

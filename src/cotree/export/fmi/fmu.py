@@ -8,21 +8,17 @@ import io
 import math
 import platform
 import sys
-import tempfile
 import warnings
 import zipfile
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cotree.arguments import check_names
-from cotree.build import BuildOptions, find_toolchain
-from cotree.build.cache import write_files
-from cotree.build.compile import compiler_flags
-from cotree.build.toolchain import Toolchain, run_limited
+from cotree.build import BuildOptions, Toolchain, find_toolchain
+from cotree.build.compile import build_library
 from cotree.codegen.c_files import INTEGRATORS
 from cotree.errors import BuildError, CodegenError, SolveError, check_known
 from cotree.export.c_checks import Evaluated, check_loops, check_numbers
@@ -33,9 +29,11 @@ from cotree.naming import c_identifier
 from cotree.program.surfaces import strip_switching_surfaces
 from cotree.quiet import level_of_user
 from cotree.report import names
+from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
 
     from matplotlib.figure import Figure
 
@@ -68,8 +66,6 @@ PLATFORMS: dict[str, Platform] = {
         Platform("aarch64-darwin", "", "aarch64-macos", ".dylib"),
     )
 }
-
-_TIME_LIMIT = 600.0
 
 
 def this_platform() -> str | None:
@@ -109,12 +105,16 @@ def build_libraries(
     """
     own, libraries = this_platform(), {}
     for row in platforms:
-        toolchain = _toolchain(row, is_own=row.name == own)
-        flags = [*compiler_flags(toolchain, BuildOptions(), n_operations)]
-        flags += ["-fvisibility=hidden"]
-        if row.suffix == ".dll":
-            flags = [flag for flag in flags if flag != "-fPIC"]
-        libraries[row.name] = _built(files, row, toolchain, flags)
+        built = build_library(
+            files,
+            abi_version=ABI_VERSION,
+            n_operations=n_operations,
+            options=BuildOptions(),
+            toolchain=_toolchain(row, is_own=row.name == own),
+            flags=["-fvisibility=hidden"],
+            is_windows=row.suffix == ".dll",
+        )
+        libraries[row.name] = built.path.read_bytes()
     return libraries
 
 
@@ -131,26 +131,6 @@ def _toolchain(row: Platform, *, is_own: bool) -> Toolchain:
         raise BuildError(f"compiling for {row.name} needs zig: run `pip install 'cotree[zig]'`")
     command = (sys.executable, "-m", "ziglang", "cc", "-target", row.target)
     return Toolchain(command, "zig", "zig")
-
-
-def _built(
-    files: Mapping[str, str], row: Platform, toolchain: Toolchain, flags: Sequence[str]
-) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="cotree-fmu-") as folder:
-        directory = Path(folder)
-        write_files(files, directory)
-        output = f"library{row.suffix}"
-        sources = sorted(name for name in files if name.endswith(".c"))
-        libraries = [] if row.suffix == ".dll" else ["-lm"]
-        command = [*toolchain.command, *flags, "-o", output, *sources, *libraries]
-        outcome = run_limited(command, directory, _TIME_LIMIT)
-        if outcome.status != 0:
-            why = "takes too long" if outcome.status is None else "fails"
-            raise BuildError(
-                f"The C compiler {why} at the library for {row.name}: "
-                f"{outcome.output.strip()[:2000]}"
-            )
-        return (directory / output).read_bytes()
 
 
 VERSIONS = (2, 3)
