@@ -221,6 +221,7 @@ def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
     return text_of(program, model_context(program))
 
 
+@without_collection()
 def form_text(
     scene: SceneDescription,
     sensitivities: Sequence[str],
