@@ -46,31 +46,8 @@ void cotree_history_add(cotree_history *h, cotree_real t, const cotree_real *y,
     for (i = 0; i < h->n_points; ++i) cotree_points_weigh(h, h->n_points, h->uses_rates, i);
 }
 
-/* Add the contributions of all points to y, as differences from the last point. Constant entries,
- * such as modes, are then interpolated exactly, even if factors are large. */
-static void add_contributions(const cotree_history *h, const cotree_portions *of,
-                              cotree_real *COTREE_RESTRICT y)
-{
-    const cotree_real *COTREE_RESTRICT const last = h->y[h->n_points - 1];
-    const int n = h->n;
-    int i, m;
-    for (i = 0; i < h->n_points; ++i) {
-        const cotree_real *COTREE_RESTRICT const own = h->y[i],
-                                                 *COTREE_RESTRICT const rate = h->rate[i];
-        const cotree_real of_y = of->of_y[i];
-        const cotree_real of_rate = h->uses_rates ? of->of_rate[i] : COTREE_F(0.0);
-        if (own == last) {
-            for (m = 0; m < n && h->uses_rates; ++m) y[m] += of_rate * rate[m];
-        } else if (!h->uses_rates) {
-            for (m = 0; m < n; ++m) y[m] += of_y * (own[m] - last[m]);
-        } else {
-            for (m = 0; m < n; ++m) y[m] += of_y * (own[m] - last[m]) + of_rate * rate[m];
-        }
-    }
-}
-
-/* As add_contributions, for a full history with rates: one pass over the entries, which compilers
- * vectorise. */
+/* Add the contributions of all points of a full history with rates in one pass over the entries,
+ * which compilers vectorise. */
 static void add_all_contributions(const cotree_history *h, const cotree_portions *of,
                                   cotree_real *COTREE_RESTRICT y)
 {
@@ -90,16 +67,40 @@ static void add_all_contributions(const cotree_history *h, const cotree_portions
 #undef POINT
 }
 
+/* Add the contributions of all points to y, as differences from the last point. Constant entries,
+ * such as modes, are then interpolated exactly, even if factors are large. */
+static void add_contributions(const cotree_history *h, const cotree_portions *of,
+                              cotree_real *COTREE_RESTRICT y)
+{
+    const cotree_real *COTREE_RESTRICT const last = h->y[h->n_points - 1];
+    const int n = h->n;
+    int i, m;
+    if (h->uses_rates && h->n_points == COTREE_HISTORY_POINTS) {
+        add_all_contributions(h, of, y);
+        return;
+    }
+    for (i = 0; i < h->n_points; ++i) {
+        const cotree_real *COTREE_RESTRICT const own = h->y[i],
+                                                 *COTREE_RESTRICT const rate = h->rate[i];
+        const cotree_real of_y = of->of_y[i];
+        const cotree_real of_rate = h->uses_rates ? of->of_rate[i] : COTREE_F(0.0);
+        if (own == last) {
+            for (m = 0; m < n && h->uses_rates; ++m) y[m] += of_rate * rate[m];
+        } else if (!h->uses_rates) {
+            for (m = 0; m < n; ++m) y[m] += of_y * (own[m] - last[m]);
+        } else {
+            for (m = 0; m < n; ++m) y[m] += of_y * (own[m] - last[m]) + of_rate * rate[m];
+        }
+    }
+}
+
 void cotree_history_read(const cotree_history *h, cotree_real t, cotree_real *y)
 {
     cotree_portions of;
     int m;
     cotree_find_portions(h, h->n_points, h->uses_rates, t, &of);
     for (m = 0; m < h->n; ++m) y[m] = h->y[h->n_points - 1][m];
-    if (h->uses_rates && h->n_points == COTREE_HISTORY_POINTS)
-        add_all_contributions(h, &of, y);
-    else
-        add_contributions(h, &of, y);
+    add_contributions(h, &of, y);
 }
 
 cotree_real cotree_history_error(const cotree_history *h, int interval, cotree_real rtol,
@@ -113,10 +114,7 @@ cotree_real cotree_history_error(const cotree_history *h, int interval, cotree_r
     int i;
     cotree_find_differences(h, h->n_points, h->uses_rates, middle, &of);
     for (i = 0; i < h->n; ++i) scratch[i] = COTREE_F(0.0);
-    if (h->uses_rates && h->n_points == COTREE_HISTORY_POINTS)
-        add_all_contributions(h, &of, scratch);
-    else
-        add_contributions(h, &of, scratch);
+    add_contributions(h, &of, scratch);
     for (i = 0; i < h->n; ++i) {
         const cotree_real size = cotree_larger(cotree_abs(a[i]), cotree_abs(b[i]));
         const cotree_real share = scratch[i] / (atols[i] + rtol * size + COTREE_MIN);
