@@ -222,19 +222,22 @@ def test_an_impact_between_two_masses_keeps_their_momentum():
 
 
 def test_an_oscillator_hits_its_stop_and_grazing_is_named():
-    w, x0, b, e = sqrt(40.0), 0.5, 0.3, 0.8
-    first = np.arccos(-b / x0) / w
-    speed, times = e * x0 * w * sin(w * first), [first]
-    for _ in range(3):
-        # From -b with this speed up, round, and back to -b with the same speed.
-        times.append(times[-1] + 2 * (pi - np.arctan2(speed / w, b)) / w)
-        speed *= e
-    model = oscillator().compile(["b"])
+    w, x0, b = sqrt(40.0), 0.5, 0.3
+
+    def hits(b, e):
+        times, speed = [np.arccos(-b / x0) / w], e * w * np.sqrt(x0**2 - b**2)
+        for _ in range(3):
+            # From -b with this speed up, round, and back to -b with the same speed.
+            times.append(times[-1] + 2 * (pi - np.arctan(speed / (w * b))) / w)
+            speed *= e
+        return np.array(times)
+
+    model = oscillator().compile(["b", "e"])
     result = model.simulate((0, 3), **TIGHT)
-    assert np.max(np.abs(result.events["F hits"].t - times)) <= CLOSE
-    # w t1 = arccos(-b/x0).
-    slope = 1 / (w * sqrt(x0**2 - b**2))
-    assert abs(result.event_sensitivity("F hits", "b")[0] - slope) <= CLOSE
+    assert np.max(np.abs(result.events["F hits"].t - hits(b, 0.8))) <= CLOSE
+    for name, by in {"b": (1e-30j, 0.0), "e": (0.0, 1e-30j)}.items():
+        slope = hits(b + by[0], 0.8 + by[1]).imag / 1e-30
+        assert np.max(np.abs(result.event_sensitivity("F hits", name) - slope)) <= CLOSE
     with pytest.warns(RuntimeWarning, match="event 'F hits' grazes at t = 0.49672"):
         model.simulate((0, 1), parameters={"b": x0}, **TIGHT)
     # Without sensitivities nothing is undefined there.
