@@ -77,6 +77,17 @@ def test_boxes_thrown_into_corners(seed):
     check_contacts(result, PLACES, values["mu"])
 
 
+@pytest.mark.parametrize("method", ["dop853", "dopri5", "rodas5"])
+def test_box_slides_down_a_wall_and_lands_flat(method):
+    # Two corners slide down the wall, so that two others hit the floor at once: without
+    # restitution the box comes to rest in the corner.
+    values = thrown(0)
+    result = model().simulate((0, 1), method=method, rtol=1e-9, atol=1e-11, parameters=values)
+    assert abs(result["b.x"][-1] - 0.5 * values["H"]) <= 1e-9
+    assert abs(result["b.y"][-1] - 0.5 * values["W"]) <= 1e-9
+    assert abs(result["b.x_dot"][-1]) <= 1e-9
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [pytest.param(k, marks=[pytest.mark.campaign] * (k >= 6)) for k in range(100)]

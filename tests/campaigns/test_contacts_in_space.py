@@ -2,7 +2,9 @@
 
 Energy never grows, no gap closes further than the tolerance, no contact pulls, and friction stays
 within its disc. The time stepping is written here, for rigid bodies with points or a sphere: one
-step of first order, with the impulses of all contacts by projected iteration.
+step of first order, with the impulses of all contacts by projected iteration, and then a shift of
+the body until no contact is below the plane. Without the shift, corners of a plate that falls flat
+from an edge could hit in different steps.
 """
 
 from __future__ import annotations
@@ -18,6 +20,9 @@ import cotree
 pytestmark = pytest.mark.compiler
 
 G = 9.81
+
+#: Plates that fall flat from an edge: two corners, or four, hit at once.
+FLAT = (21, 59, 99, 166)
 
 #: Ends that rigid bodies with Coulomb's friction may have: no solution, several, or a jam.
 TRUE_ENDS = "jams|no consistent|gain energy|not unique|allows|accumulate"
@@ -115,7 +120,8 @@ def stepped(body, end, h):
         free_v = v + h * np.array([0.0, 0.0, -G])
         free_w = w - h * np.cross(w, inertia * w) / inertia
         arms = [R @ p - body.radius * n for p in body.points]
-        closed = [arm for arm in arms if (middle_x + arm) @ n <= 0.0]
+        # The shift leaves gaps of second order in its angles.
+        closed = [arm for arm in arms if (middle_x + arm) @ n <= 1e-9]
         # Velocity of a contact: frame (v + R w x arm) = J (v, w).
         rows = [np.hstack([frame, frame @ -cross(arm) @ R]) for arm in closed]
         before, after = np.hstack([v, w]), np.hstack([free_v, free_w])
@@ -141,6 +147,16 @@ def stepped(body, end, h):
                 break
         v, w = after[:3], after[3:]
         x, q = middle_x + 0.5 * h * v, rotated(middle_q, w, 0.5 * h)
+        for _ in range(3):
+            arms = [turn(q) @ p - body.radius * n for p in body.points]
+            low = [arm for arm in arms if (x + arm) @ n < 0.0]
+            if not low:
+                break
+            J = np.array([np.hstack([n, n @ -cross(arm) @ turn(q)]) for arm in low])
+            gaps = np.array([(x + arm) @ n for arm in low])
+            root = np.sqrt(weights)
+            shift = np.linalg.lstsq(J / root, -gaps, rcond=1e-9)[0] / root
+            x, q = x + shift[:3], rotated(q, shift[3:], 1.0)
     return x
 
 
@@ -151,7 +167,10 @@ def cross(a):
 
 def seeds(n):
     """List seeds, of which a campaign has more."""
-    return [pytest.param(seed, marks=[pytest.mark.campaign] * (seed >= 8)) for seed in range(n)]
+    return [
+        pytest.param(seed, marks=[pytest.mark.campaign] * (seed >= 8 and seed not in FLAT))
+        for seed in range(n)
+    ]
 
 
 @pytest.mark.slow
@@ -175,8 +194,27 @@ def test_bodies_thrown_on_planes(seed):
     if not result.success:
         return
     place = np.array([result[f"b.{axis}"][-1] for axis in "xyz"])
-    errors = [np.linalg.norm(stepped(body, 0.6, h) - place) for h in (1e-3, 2.5e-4)]
     # Rattling between several points is not repeatable by steps that pass its impacts.
-    if sum(len(result.events[f"c.normal{end} hits"].t) for end in ends) <= 8:
-        # Errors of first order, jittered by the step in which an impact falls.
-        assert errors[1] <= 2e-3 or errors[1] <= 0.6 * errors[0], errors
+    if sum(len(result.events[f"c.normal{end} hits"].t) for end in ends) > 8:
+        return
+    steps = (1e-3, 2.5e-4, 6.25e-5)
+    errors = [np.linalg.norm(stepped(body, 0.6, h) - place) for h in steps[:2]]
+    # Errors of first order, jittered by the step in which an impact falls.
+    if errors[1] > 2e-3 and errors[1] > 0.6 * errors[0]:
+        # This step can also change the sequence of impacts: a quarter of it has a quarter of the
+        # error.
+        assert np.linalg.norm(stepped(body, 0.6, steps[2]) - place) <= 0.25 * 2e-3, errors
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:inertia of edge")  # drawn at random
+@pytest.mark.parametrize("seed", FLAT)
+def test_corners_hit_at_once(seed):
+    model = thrown(seed)[0].scene.compile()
+    ends = [
+        model.simulate((0, 0.6), method=method, rtol=rtol, atol=0.01 * rtol).y[:13, -1]
+        for method, rtol in (("dop853", 1e-9), ("dop853", 1e-11), ("rodas5", 1e-9))
+    ]
+    # Errors of the run at 1e-9, after up to 60 impacts.
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+    np.testing.assert_allclose(ends[2], ends[1], atol=1e-6)

@@ -199,9 +199,10 @@ static cotree_real find_violation(cotree_events *e, cotree_row *row, cotree_real
             return cotree_is_holding(row) ? COTREE_F(1.0) : COTREE_F(0.0);
         }
     }
+    row->reversal = COTREE_F(0.0);
     if (!cotree_is_holding(row)) {
         *new_mode = is_stop ? row->side : COTREE_F(0.0);
-        return find_reversal(e, row);
+        return row->reversal = find_reversal(e, row);
     }
     /* The sign of the impulse at an unresolved gap is a rounding error. */
     if (is_stop && (has_sticking_contact(e, row) ||
@@ -323,6 +324,15 @@ static cotree_real mode_code(const cotree_events *e, const cotree_row *changed, 
                                COTREE_F(1.0),
                            CODE_MODULUS);
     return code;
+}
+
+/* Return whether a stop must close in the impact as much as another one: rounding does not decide
+ * which of them closes. */
+static int closes_together(const cotree_events *e, const cotree_row *row, const cotree_row *changed)
+{
+    return e->is_impact && changed->type == COTREE_ROW_STOP && cotree_may_change(e, row) &&
+           changed->reversal > COTREE_F(0.0) &&
+           COTREE_FABS(row->reversal - changed->reversal) <= IMPULSE_RTOL * changed->reversal;
 }
 
 /* Store the code of the current mode set. */
@@ -542,7 +552,7 @@ static int set_stops(cotree_events *e, int is_closed)
 static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_real *w, int n)
 {
     int round, has_slack = 0, is_singular = 0;
-    cotree_row *changed = NULL;
+    cotree_row *row, *changed = NULL;
     cotree_real to_mode = COTREE_F(0.0);
     e->n_tried = 0;
     for (round = 0; round <= COTREE_FRICTION_ROUNDS(n); ++round) {
@@ -572,6 +582,9 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
             return e->failure;
 #endif
         set_mode(e, changed, to_mode);
+        for (row = FIRST_STOP; row < END_OF_ROWS; ++row) {
+            if (row != changed && closes_together(e, row, changed)) set_mode(e, row, row->side);
+        }
     }
     return COTREE_EVENTS_NONE;
 }

@@ -234,7 +234,6 @@ COTREE_PRIVATE cotree_real cotree_largest_acceleration_scale(const cotree_events
 COTREE_PRIVATE cotree_real cotree_zero_acceleration(const cotree_events *e, const cotree_row *row);
 COTREE_PRIVATE void cotree_find_slip(const cotree_events *e, const cotree_row *row,
                                      cotree_real *slip);
-COTREE_PRIVATE int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired);
 COTREE_PRIVATE int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g);
 

@@ -131,19 +131,51 @@ static int evaluate_stops(cotree_events *e, cotree_real t, const cotree_real *w,
     return cotree_evaluate_motion(e, t, w);
 }
 
+/* Return the largest gap of a stop that is closed at w. It is an error of the integration. */
+static cotree_real largest_closed_gap(const cotree_events *e, const cotree_real *w)
+{
+    cotree_real largest = COTREE_F(0.0);
+    const cotree_row *row;
+    for (row = FIRST_STOP; row < END_OF_ROWS; ++row) {
+        const cotree_real mode = w[row->mode_state];
+        if (mode == COTREE_F(0.0)) continue;
+        largest =
+            COTREE_FMAX(largest, COTREE_FABS(e->samples[row->gaps[mode > COTREE_F(0.0) ? 0 : 1]]));
+    }
+    return largest;
+}
+
+/* Return whether a gap is closed at the last evaluation. gap_error: error of gaps that are held
+ * closed. */
+static int is_closed(const cotree_events *e, int i, cotree_real t, int fired, cotree_real gap_error)
+{
+    cotree_real near, rate;
+    if (i < 0) return 0; /* the stop has no such limit */
+    rate = e->jumps.rates[i];
+    near = ZERO_ROUNDINGS * (cotree_rounding_band(e, i) + cotree_spacing(t) * COTREE_FABS(rate));
+    /* The time at which a gap closes is uncertain by its error divided by its rate: within this
+     * time of an impact, both are simultaneous. */
+    if (fired >= 0 && cotree_is_gap(e, fired) && rate < -cotree_gap_rate_error(e))
+        near = COTREE_FMAX(near, COTREE_FMAX(cotree_tolerance(e, i), gap_error));
+    return i == fired || e->is_stepped_over[i] || e->samples[i] <= near;
+}
+
 /* Find the closed gaps and their rates. */
-static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *w, int fired)
+static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *w, int fired,
+                            int round)
 {
     cotree_row *row;
     int status = evaluate_stops(e, t, w, COTREE_F(0.0));
+    const cotree_real gap_error = GRAZING_TOLERANCES * largest_closed_gap(e, w);
     if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, e->trial) != 0)
         status = cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
     for (row = FIRST_STOP; row < END_OF_ROWS && status == 0; ++row) {
-        row->side = w[row->mode_state];
-        row->was_closed = row->side != COTREE_F(0.0);
-        if (!row->was_closed && cotree_is_closed(e, row->gaps[0], t, fired))
+        row->was_closed = w[row->mode_state] != COTREE_F(0.0);
+        /* A gap that takes part in the impact remains closed until the impact ends. */
+        if (row->was_closed || round == 0) row->side = w[row->mode_state];
+        if (row->side == COTREE_F(0.0) && is_closed(e, row->gaps[0], t, fired, gap_error))
             row->side = COTREE_F(1.0);
-        else if (!row->was_closed && cotree_is_closed(e, row->gaps[1], t, fired))
+        else if (row->side == COTREE_F(0.0) && is_closed(e, row->gaps[1], t, fired, gap_error))
             row->side = -COTREE_F(1.0);
         row->gap = row->side == COTREE_F(0.0) ? COTREE_F(0.0)
                                               : COTREE_FABS(e->samples[cotree_closed_gap(row)]);
@@ -319,7 +351,7 @@ static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w, int 
         if (row->type == COTREE_ROW_STOP) row->restitution_event = row->event;
     }
     prepare_impulse(e);
-    return apply_impulse(e, 1, t, w) != 0 ? e->failure : find_closed_gaps(e, t, w, fired);
+    return apply_impulse(e, 1, t, w) != 0 ? e->failure : find_closed_gaps(e, t, w, fired, 0);
 }
 
 /* Repeat impacts at w until no closed gap has a negative rate. */
@@ -329,7 +361,7 @@ int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int 
     const int is_of_forces = fired >= 0 && e->events[fired].kind != 0;
     int round;
     for (round = 0; e->n_stops > 0 && round < COTREE_EVENT_ROUNDS; ++round) {
-        int status = find_closed_gaps(e, t, w, fired);
+        int status = find_closed_gaps(e, t, w, fired, round);
         if (status == 0 && round == 0 && is_of_forces) status = remove_residues(e, t, w, fired);
         if (status != 0) return status;
         if (find_impact_roles(e, fired) == 0) return 0;

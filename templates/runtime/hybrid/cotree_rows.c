@@ -225,16 +225,6 @@ void cotree_find_slip(const cotree_events *e, const cotree_row *row, cotree_real
                                     : -cotree_jumps_speed_change(&e->jumps, row->slips[c]);
 }
 
-/* Return whether a gap is closed at the last evaluation. */
-int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired)
-{
-    cotree_real near;
-    if (i < 0) return 0; /* the stop has no such limit */
-    near = ZERO_ROUNDINGS *
-           (cotree_rounding_band(e, i) + cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
-    return i == fired || e->is_stepped_over[i] || e->samples[i] <= near;
-}
-
 /* Set the scales of gaps, of their rates and of slips at the start to the magnitude of their terms:
  * a gap of zero is a difference of lengths, and only as accurate as these. The terms are found by
  * small changes of the states, which differ from state to state so that equal terms do not cancel.

@@ -47,6 +47,7 @@ typedef struct cotree_row {
     int is_active; /* 1: the complementarity conditions determine the mode */
     cotree_real mode, saved_mode;
     cotree_real slack[2]; /* distances of the force from its limits */
+    cotree_real reversal; /* relative speed or acceleration against the mode */
     cotree_real acceleration_scale;
 
     /* Friction. */
