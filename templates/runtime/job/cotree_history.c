@@ -46,27 +46,6 @@ void cotree_history_add(cotree_history *h, cotree_real t, const cotree_real *y,
     for (i = 0; i < h->n_points; ++i) cotree_points_weigh(h, h->n_points, h->uses_rates, i);
 }
 
-/* Add the contributions of all points of a full history with rates in one pass over the entries,
- * which compilers vectorise. */
-static void add_all_contributions(const cotree_history *h, const cotree_portions *of,
-                                  cotree_real *COTREE_RESTRICT y)
-{
-    const cotree_real *const last = h->y[5], *const last_rate = h->rate[5];
-    const int n = h->n;
-    int m;
-#define POINT(i) (of->of_y[i] * (h->y[i][m] - last[m]) + of->of_rate[i] * h->rate[i][m])
-    for (m = 0; m < n; ++m) {
-        cotree_real value = y[m];
-        value += POINT(0);
-        value += POINT(1);
-        value += POINT(2);
-        value += POINT(3);
-        value += POINT(4);
-        y[m] = value + of->of_rate[5] * last_rate[m];
-    }
-#undef POINT
-}
-
 /* Add the contributions of all points to y, as differences from the last point. Constant entries,
  * such as modes, are then interpolated exactly, even if factors are large. */
 static void add_contributions(const cotree_history *h, const cotree_portions *of,
@@ -76,7 +55,12 @@ static void add_contributions(const cotree_history *h, const cotree_portions *of
     const int n = h->n;
     int i, m;
     if (h->uses_rates && h->n_points == COTREE_HISTORY_POINTS) {
-        add_all_contributions(h, of, y);
+#define POINT(i) (of->of_y[i] * (h->y[i][m] - last[m]) + of->of_rate[i] * h->rate[i][m])
+        for (m = 0; m < n; ++m) { /* one pass, which compilers vectorise */
+            y[m] = y[m] + POINT(0) + POINT(1) + POINT(2) + POINT(3) + POINT(4) +
+                   of->of_rate[5] * h->rate[5][m];
+        }
+#undef POINT
         return;
     }
     for (i = 0; i < h->n_points; ++i) {
