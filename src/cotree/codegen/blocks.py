@@ -62,7 +62,7 @@ _MOST_WAITING = 3
 _HELPERS = {"cotree_factorise": 112, "cotree_table": 72, "cotree_cubic": 152, "cotree_plane": 192}
 _HELPERS |= {"cotree_held_table": 96, "cotree_held_plane": 256}
 #: Stack size of the function that computes several sines, [byte].
-_SINES = 1632
+_SINES = 896
 #: Stack sizes of the straight-line elimination of one to three unknowns, [byte].
 _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 
