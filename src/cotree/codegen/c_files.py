@@ -7,7 +7,6 @@ vector for each sensitivity.
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -92,10 +91,7 @@ def sundials_files(library: str) -> dict[str, str]:
         "COTREE_SENSITIVITIES": has_sensitivities,
         "COTREE_SIMULTANEOUS": has_sensitivities and not is_ida,
     }
-    header = header_text(_HEADER)
-    # The text is also read by cffi, which expands no macros.
-    header = re.sub(r"\(\*OF\((\w+)\)\)", rf"(*{'IDA' if is_ida else 'CVode'}\1)", header)
-    texts = {_HEADER: header, **source_texts(_HEADER)}
+    texts = {_HEADER: header_text(_HEADER), **source_texts(_HEADER)}
     return {name: resolve(text, known) for name, text in texts.items()}
 
 

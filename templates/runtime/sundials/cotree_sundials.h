@@ -34,12 +34,7 @@ typedef int (*cotree_sundials_sensitivity_residual)(int n, double t, void *y, vo
                                                     void *work, void *more, void *most);
 #endif
 
-/* Functions of the library, by name. OF(name): function of CVODE or IDA without its prefix. */
-#if COTREE_IDA
-#define OF(function) IDA##function
-#else
-#define OF(function) CVode##function
-#endif
+/* Functions of the library, by name. */
 typedef struct cotree_sundials {
     int (*SUNContext_Create)(int communicator, void **context);
     int (*SUNContext_ClearErrHandlers)(void *context);
@@ -49,52 +44,64 @@ typedef struct cotree_sundials {
     void (*N_VDestroy)(void *vector);
     void *(*SUNNonlinSolNewEmpty)(void *context);
     void (*SUNNonlinSolFreeEmpty)(void *solver);
-    void (*OF(Free))(void **own);
-    int (*OF(SVtolerances))(void *own, double rtol, void *atols);
-    int (*OF(SetUserData))(void *own, void *data);
-    int (*OF(SetNonlinearSolver))(void *own, void *solver);
-    int (*OF(SetMaxStep))(void *own, double longest);
-    int (*OF(SetStopTime))(void *own, double t);
-    int (*OF(GetDky))(void *own, double t, int order, void *values);
 #if COTREE_IDA
     void *(*IDACreate)(void *context);
-    int (*IDAInit)(void *own, cotree_sundials_residual residual, double t, void *y, void *dy);
-    int (*IDAReInit)(void *own, double t, void *y, void *dy);
-    int (*IDASetId)(void *own, void *kinds);
-    int (*IDASetSuppressAlg)(void *own, int is_on);
-    int (*IDASetInitStep)(void *own, double step);
-    int (*IDASolve)(void *own, double t_out, double *t, void *y, void *dy, int task);
-    int (*IDAGetNonlinearSystemData)(void *own, double *t, void **predicted, void **slopes,
+    int (*IDAInit)(void *ida, cotree_sundials_residual residual, double t, void *y, void *dy);
+    int (*IDAReInit)(void *ida, double t, void *y, void *dy);
+    void (*IDAFree)(void **ida);
+    int (*IDASVtolerances)(void *ida, double rtol, void *atols);
+    int (*IDASetUserData)(void *ida, void *data);
+    int (*IDASetNonlinearSolver)(void *ida, void *solver);
+    int (*IDASetId)(void *ida, void *kinds);
+    int (*IDASetSuppressAlg)(void *ida, int is_on);
+    int (*IDASetInitStep)(void *ida, double step);
+    int (*IDASetMaxStep)(void *ida, double longest);
+    int (*IDASetStopTime)(void *ida, double t);
+    int (*IDASolve)(void *ida, double t_out, double *t, void *y, void *dy, int task);
+    int (*IDAGetDky)(void *ida, double t, int order, void *values);
+    int (*IDAGetNonlinearSystemData)(void *ida, double *t, void **predicted, void **slopes,
                                      void **y, void **dy, void **residual, double *cj, void **data);
 #else
     void *(*CVodeCreate)(int family, void *context);
-    int (*CVodeInit)(void *own, cotree_sundials_rate rate, double t, void *y);
-    int (*CVodeReInit)(void *own, double t, void *y);
-    int (*CVodeSetMaxHnilWarns)(void *own, int most);
-    int (*CVode)(void *own, double t_out, void *y, double *t, int task);
-    int (*CVodeGetNonlinearSystemData)(void *own, double *t, void **predicted, void **y,
+    int (*CVodeInit)(void *cvode, cotree_sundials_rate rate, double t, void *y);
+    int (*CVodeReInit)(void *cvode, double t, void *y);
+    void (*CVodeFree)(void **cvode);
+    int (*CVodeSVtolerances)(void *cvode, double rtol, void *atols);
+    int (*CVodeSetUserData)(void *cvode, void *data);
+    int (*CVodeSetNonlinearSolver)(void *cvode, void *solver);
+    int (*CVodeSetMaxHnilWarns)(void *cvode, int most);
+    int (*CVodeSetMaxStep)(void *cvode, double longest);
+    int (*CVodeSetStopTime)(void *cvode, double t);
+    int (*CVode)(void *cvode, double t_out, void *y, double *t, int task);
+    int (*CVodeGetDky)(void *cvode, double t, int order, void *values);
+    int (*CVodeGetNonlinearSystemData)(void *cvode, double *t, void **predicted, void **y,
                                        void **rates, double *gamma, double *rl1, void **scaled,
                                        void **data);
 #endif
 #if COTREE_SENSITIVITIES
     int (*N_VEnableFusedOps_Serial)(void *vector, int is_on);
-    int (*OF(SensSVtolerances))(void *own, double rtol, void **atols);
-    int (*OF(SetSensErrCon))(void *own, int is_on);
-    int (*OF(SetNonlinearSolverSensStg))(void *own, void *solver);
-    int (*OF(GetSens))(void *own, double *t, void **s);
-    int (*OF(GetSensDky))(void *own, double t, int order, void **values);
 #if COTREE_IDA
-    int (*IDASensInit)(void *own, int n, int corrector,
+    int (*IDASensInit)(void *ida, int n, int corrector,
                        cotree_sundials_sensitivity_residual residual, void **s, void **ds);
-    int (*IDASensReInit)(void *own, int corrector, void **s, void **ds);
-    int (*IDAGetNonlinearSystemDataSens)(void *own, double *t, void ***predicted, void ***slopes,
+    int (*IDASensReInit)(void *ida, int corrector, void **s, void **ds);
+    int (*IDASensSVtolerances)(void *ida, double rtol, void **atols);
+    int (*IDASetSensErrCon)(void *ida, int is_on);
+    int (*IDASetNonlinearSolverSensStg)(void *ida, void *solver);
+    int (*IDAGetSens)(void *ida, double *t, void **s);
+    int (*IDAGetSensDky)(void *ida, double t, int order, void **values);
+    int (*IDAGetNonlinearSystemDataSens)(void *ida, double *t, void ***predicted, void ***slopes,
                                          void ***s, void ***ds, double *cj, void **data);
 #else
-    int (*CVodeSensInit)(void *own, int n, int corrector, cotree_sundials_sensitivity_rate rate,
+    int (*CVodeSensInit)(void *cvode, int n, int corrector, cotree_sundials_sensitivity_rate rate,
                          void **s);
-    int (*CVodeSensReInit)(void *own, int corrector, void **s);
-    int (*CVodeSetNonlinearSolverSensSim)(void *own, void *solver);
-    int (*CVodeGetNonlinearSystemDataSens)(void *own, double *t, void ***predicted, void ***s,
+    int (*CVodeSensReInit)(void *cvode, int corrector, void **s);
+    int (*CVodeSensSVtolerances)(void *cvode, double rtol, void **atols);
+    int (*CVodeSetSensErrCon)(void *cvode, int is_on);
+    int (*CVodeSetNonlinearSolverSensSim)(void *cvode, void *solver);
+    int (*CVodeSetNonlinearSolverSensStg)(void *cvode, void *solver);
+    int (*CVodeGetSens)(void *cvode, double *t, void **s);
+    int (*CVodeGetSensDky)(void *cvode, double t, int order, void **values);
+    int (*CVodeGetNonlinearSystemDataSens)(void *cvode, double *t, void ***predicted, void ***s,
                                            double *gamma, double *rl1, void ***scaled, void **data);
 #endif
 #endif

@@ -34,15 +34,17 @@ typedef struct cotree_solver {
 /* Return values of an iteration: RATES_FAIL if the rates cannot be evaluated with any step size,
  * RATES_AGAIN if a smaller step may succeed, NOT_CONVERGED. CVODE's value for a smaller step
  * differs between versions; as CVODE treats unknown values as failures to converge, NOT_CONVERGED
- * replaces it. BLOCK: number of entries of a block, the states and, with IDA, the algebraic
- * unknowns. */
+ * replaces it. OF(name): function of CVODE or IDA without its prefix. BLOCK: number of entries of a
+ * block, the states and, with IDA, the algebraic unknowns. */
 #define RATES_FAIL (-8)
 #define NOT_CONVERGED 902
 #if COTREE_IDA
 #define RATES_AGAIN 1
+#define OF(function) IDA##function
 #define BLOCK(model) ((model)->n_states)
 #else
 #define RATES_AGAIN NOT_CONVERGED
+#define OF(function) CVode##function
 #define BLOCK(model) ((model)->n_states - (model)->n_algebraic)
 #define BDF 2
 #define NO_CONVERGENCE (-4) /* return value of CVODE after repeated convergence failures */
