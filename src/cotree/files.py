@@ -28,6 +28,17 @@ def template_folder() -> Path:
     raise CodegenError(f"the templates are missing from {package}: install cotree again")
 
 
+def included(line: str) -> str | None:
+    """Return the header that a line includes in quotes, or None."""
+    begin = '#include "'
+    return line.rstrip()[len(begin) : -1] if line.startswith(begin) else None
+
+
+def includes(text: str) -> list[str]:
+    """Return the headers that a text includes in quotes."""
+    return [name for name in map(included, text.splitlines()) if name is not None]
+
+
 def read_text(source: str | Path, largest: int) -> str:
     """Read a UTF-8 text file; raise SceneError if that fails or it has over ``largest`` bytes."""
     if not os.path.isfile(source):  # Path.is_file would raise an error for a name that is too long

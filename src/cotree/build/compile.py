@@ -38,6 +38,7 @@ from cotree.build.cache import (
 )
 from cotree.build.toolchain import Outcome, Toolchain, run_limited
 from cotree.errors import BuildError, nearest
+from cotree.files import includes
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
@@ -182,7 +183,6 @@ def _is_x86() -> bool:
 
 
 _FILE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\.[ch]")
-_INCLUDE = re.compile(r'^\s*#\s*include "(.+)"', re.MULTILINE)
 _OUTPUT = "library.so"
 # Maximum number of attempts to build a library while other processes call clear_cache().
 ATTEMPTS = 3
@@ -277,8 +277,7 @@ def included_files(files: Mapping[str, str], name: str) -> dict[str, str]:
     """Return a file and all others that it includes, also through other files, by name."""
     found = [name]
     for own in found:
-        included = _INCLUDE.findall(files[own])
-        found += [other for other in included if other in files and other not in found]
+        found += [row for row in includes(files[own]) if row in files and row not in found]
     return {own: files[own] for own in found}
 
 

@@ -71,17 +71,6 @@ def squeezed(text: str) -> str:
     return text
 
 
-def included(line: str) -> str | None:
-    """Return the header that a line includes in quotes, or None."""
-    begin = '#include "'
-    return line.rstrip()[len(begin) : -1] if line.startswith(begin) else None
-
-
-def includes(text: str) -> list[str]:
-    """Return the headers that a text includes in quotes."""
-    return [name for name in map(included, text.splitlines()) if name is not None]
-
-
 def unframed(header: str) -> tuple[str, str]:
     """Return the first comment of a header, and the text inside its include guard.
 

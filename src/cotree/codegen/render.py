@@ -10,11 +10,11 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import TYPE_CHECKING
 
-from cotree.codegen.c_text import includes, squeezed, unframed, without_unused
+from cotree.codegen.c_text import squeezed, unframed, without_unused
 from cotree.codegen.printing import wrapped
 from cotree.codegen.targets import DOUBLE, Target
 from cotree.errors import CodegenError
-from cotree.files import template_folder
+from cotree.files import includes, template_folder
 from cotree.naming import c_comment, c_string
 from cotree.program.kernels import KERNELS
 from cotree.version import ABI_VERSION, VERSION

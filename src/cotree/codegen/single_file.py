@@ -9,8 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.codegen.c_text import (
-    included,
-    includes,
     is_word,
     items,
     squeezed,
@@ -18,6 +16,7 @@ from cotree.codegen.c_text import (
     unframed,
     words,
 )
+from cotree.files import included, includes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence, Set
