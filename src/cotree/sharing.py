@@ -56,12 +56,10 @@ def usable_cores() -> int:
 class RecentCache(Generic[_T]):
     """A thread-safe cache of the most recently used values.
 
-    Simultaneous calls with a new key may each compute its value; one is stored. Users of the cache
-    may store what they need to find the value of the last call again in ``last``.
+    Simultaneous calls with a new key may each compute its value; one is stored.
     """
 
     def __init__(self, most: int) -> None:
-        self.last: Any = None
         self._most, self._lock = most, threading.Lock()
         self._found: OrderedDict[Hashable, _T] = OrderedDict()
 

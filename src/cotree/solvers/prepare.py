@@ -6,9 +6,8 @@ import math
 import time
 from collections.abc import Callable, Collection, Hashable, Mapping
 from numbers import Number, Real
-from operator import is_
 from types import BuiltinFunctionType, FunctionType, MethodType
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -54,54 +53,8 @@ def prepared(model: CompiledModel, settings: Settings) -> Preparation:
 
 def cached_for(kept: RecentCache[_T], given: Mapping[str, Any], make: Callable[[], _T]) -> _T:
     """Return the value for the given settings from a cache, or compute it."""
-    last: _Last[_T] | Hashable = kept.last
-    if isinstance(last, _Last) and last.is_of(given):
-        return last.found
     key = key_of(given)
-    if key is None:
-        return make()
-    found = kept.of(key, make)
-    # Runs with alternating settings would store and compare in vain.
-    kept.last = _Last(given, found) if key == last else key
-    return found
-
-
-class _Last(Generic[_T]):
-    """The settings of the last calls, which are compared in less time than a key takes."""
-
-    def __init__(self, given: Mapping[str, Any], found: _T) -> None:
-        self.found = found
-        self._names = tuple(given)
-        # Immutable values are compared by identity, others by their keys.
-        self._rows = [(x, None) if _is_fixed(x) else (None, _token(x)) for x in given.values()]
-
-    def is_of(self, given: Mapping[str, Any]) -> bool:
-        """Return whether settings are equal to those of the last call; False if that is unclear."""
-        if tuple(given) != self._names:
-            return False
-        for value, (known, token) in zip(given.values(), self._rows, strict=True):
-            if token is None:
-                if value is known:
-                    continue
-                if not (type(value) is type(known) is tuple and len(value) == len(known)):
-                    return False
-                if not all(map(is_, value, known)):
-                    return False
-            elif _is_fixed(value) or _token_or_none(value) != token:
-                return False
-        return True
-
-
-def _is_fixed(value: Any) -> bool:
-    kind = type(value)
-    return kind in _PLAIN or (kind is tuple and all(type(x) in _PLAIN for x in value))
-
-
-def _token_or_none(value: Any) -> Hashable:
-    try:
-        return _token(value)
-    except _IncomparableError:
-        return None
+    return make() if key is None else kept.of(key, make)
 
 
 # Settings with more numbers are not cached, because comparing them takes too long.
