@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cotree.design.goals import Formula, Goals, Quantity, check_times
+from cotree.design.goals import GoalFunction, GoalQuantity, Goals, check_times
 from cotree.errors import SolveError
 from cotree.methods import method_row
 from cotree.quiet import without_warnings
@@ -104,7 +104,7 @@ _STEPS, _FEWEST_STEPS = 50, 2000
 _EARLY = ("start", "at", "time")
 
 
-class Point(NamedTuple):
+class DesignPoint(NamedTuple):
     """Objective and constraints at one point in the design space."""
 
     objective: float  # value to be minimised: mean over all runs
@@ -120,7 +120,7 @@ class Evaluation:
         self,
         model: Model,
         goals: Goals,
-        names: Mapping[Quantity, str],
+        names: Mapping[GoalQuantity, str],
         over: Sequence[str],
         runs: Sequence[Settings],
     ) -> None:
@@ -130,7 +130,7 @@ class Evaluation:
         self._most_steps = 0
         n = len(goals.quantities)
         self._formulas = [
-            Formula(expression, n, over)
+            GoalFunction(expression, n, over)
             for expression in (goals.objective, *(row.excess for row in goals.conditions))
         ]
         for run in runs:
@@ -164,13 +164,13 @@ class Evaluation:
         self._most_steps = max(self._most_steps, steps)
         return result
 
-    def at(self, values: Mapping[str, float]) -> Point:
+    def at(self, values: Mapping[str, float]) -> DesignPoint:
         """Evaluate the goals; raise an Error if a run fails or a derivative is not finite."""
         found = [self._of_run(run, values) for run in self.runs]
         objectives = [rows[0] for rows in found]
         conditions = [row for rows in found for row in rows[1:]]
         n = len(self.over)
-        return Point(
+        return DesignPoint(
             float(np.mean([value for value, _ in objectives])),
             np.mean([slope for _, slope in objectives], axis=0),
             np.array([value for value, _ in conditions]),
@@ -212,7 +212,7 @@ class Evaluation:
         return [value for value, _ in rows], np.array([slope for _, slope in rows])
 
     def _quantity(
-        self, quantity: Quantity, result: Result, run: Settings, grid: Array
+        self, quantity: GoalQuantity, result: Result, run: Settings, grid: Array
     ) -> tuple[float, Array]:
         name, kind = self._names[quantity], quantity.kind
         if kind == "time":

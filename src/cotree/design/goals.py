@@ -65,7 +65,7 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
 
 
 @dataclass(frozen=True)
-class Quantity:
+class GoalQuantity:
     """A scalar quantity of a run."""
 
     kind: str  # name of the function, a key of :data:`QUANTITIES`
@@ -73,7 +73,7 @@ class Quantity:
     t: float = 0.0  # time of evaluation, for the kind ``at`` only, [s]
 
 
-class Formula:
+class GoalFunction:
     """A differentiable function of quantities (as placeholders) and design variables."""
 
     def __init__(self, expression: Expression, n_quantities: int, over: Sequence[str]) -> None:
@@ -95,7 +95,7 @@ class Formula:
 
 
 @dataclass(frozen=True)
-class Condition:
+class GoalCondition:
     """A constraint ``excess <= 0`` or ``excess == 0``."""
 
     text: str  # the condition as written by the user
@@ -109,7 +109,7 @@ class Goals:
     def __init__(
         self, minimise: object, subject_to: Sequence[object], parameters: Collection[str]
     ) -> None:
-        self.quantities: list[Quantity] = []
+        self.quantities: list[GoalQuantity] = []
         self._varied = set(parameters)
         tree = self._read(minimise, "minimise")
         if isinstance(tree, ast.Compare):
@@ -117,7 +117,7 @@ class Goals:
                 f"minimise: '{brief(minimise)}' is a comparison: constraints belong in subject_to"
             )
         self.objective = self._formula(tree, "minimise")
-        self.conditions: list[Condition] = []
+        self.conditions: list[GoalCondition] = []
         for text in subject_to:
             self.conditions += self._conditions(text)
 
@@ -132,7 +132,7 @@ class Goals:
         except ExpressionError as error:
             raise ExpressionError(f"{where}: '{brief(text)}' {error}") from None
 
-    def _conditions(self, text: object) -> list[Condition]:
+    def _conditions(self, text: object) -> list[GoalCondition]:
         """Parse a constraint; a chain such as ``0 <= x <= 2`` becomes two conditions."""
         tree = self._read(text, "subject_to")
         if not isinstance(tree, ast.Compare):
@@ -150,7 +150,7 @@ class Goals:
             low, high = (b, a) if sign == ">=" else (a, b)
             excess = ast.BinOp(low, ast.Sub(), high)
             shown = f"{ast.unparse(a)} {sign} {ast.unparse(b)}"
-            found.append(Condition(shown, self._formula(excess, "subject_to"), sign == "=="))
+            found.append(GoalCondition(shown, self._formula(excess, "subject_to"), sign == "=="))
         return found
 
     def _formula(self, tree: ast.expr, where: str) -> Expression:
@@ -163,7 +163,7 @@ class Goals:
 
     def _add(self, kind: str, text: str, t: float = 0.0) -> ast.Name:
         """Register a quantity and return its placeholder."""
-        quantity = Quantity(kind, text, t)
+        quantity = GoalQuantity(kind, text, t)
         if quantity not in self.quantities:
             self.quantities.append(quantity)
         return ast.Name(f"{_MARK}{self.quantities.index(quantity)}")
@@ -224,7 +224,7 @@ def _called(part: ast.AST) -> str:
     return part.func.id if is_call else ""  # type: ignore[attr-defined]
 
 
-def check_times(quantities: Sequence[Quantity], span: tuple[float, float]) -> None:
+def check_times(quantities: Sequence[GoalQuantity], span: tuple[float, float]) -> None:
     """Raise an error if the time in ``at(t, ...)`` is outside the run."""
     for quantity in quantities:
         if quantity.kind == "at" and not min(span) <= quantity.t <= max(span):
@@ -247,15 +247,15 @@ def scene_of(source: Any) -> SceneDescription:
 
 
 def variant_of(
-    source: Any, scene: SceneDescription, quantities: Sequence[Quantity], over: Sequence[str]
-) -> tuple[Model, dict[Quantity, str]]:
+    source: Any, scene: SceneDescription, quantities: Sequence[GoalQuantity], over: Sequence[str]
+) -> tuple[Model, dict[GoalQuantity, str]]:
     """Compile a scene with an output for each quantity; return the model and the output names."""
     changed = scene.copied()
     taken = {*scene.edges, *scene.outputs, *scene.parameters, *scene.inputs, *scene.modes}
     prefix = "goal"
     while any(name.startswith(prefix) for name in (*taken, *scene.nodes)):
         prefix += "_"
-    found: dict[Quantity, str] = {}
+    found: dict[GoalQuantity, str] = {}
     outputs: dict[tuple[bool, str], str] = {}
     for quantity in quantities:
         if quantity.kind == "time":

@@ -11,7 +11,15 @@ import numpy as np
 from cotree.arguments import check_choice, check_mapping, check_names, check_whole
 from cotree.design.evaluation import Evaluation
 from cotree.design.goals import Goals, scene_of, variant_of
-from cotree.design.search import MET, OPTIMAL, ConditionValue, Design, Search, Space, read_variables
+from cotree.design.search import (
+    MET,
+    OPTIMAL,
+    ConditionValue,
+    Descent,
+    Design,
+    Space,
+    read_variables,
+)
 from cotree.errors import Error, ParameterError, SolveError, brief, check_known, listed
 from cotree.model.start import scene_start
 from cotree.scene.expressions import check_positive
@@ -21,7 +29,7 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from cotree.api import Model, Scene
-    from cotree.design.evaluation import Point
+    from cotree.design.evaluation import DesignPoint
     from cotree.scene.settings import Settings, SettingsDict
 
 #: Keys that a scenario may have.
@@ -147,10 +155,10 @@ def optimise(
     evaluation = Evaluation(model, goals, found, names, scenarios)
     space = Space(read_variables(over, _known(model, common), guess))
     _check_reach(evaluation)
-    searches: list[Search] = []
+    searches: list[Descent] = []
     ends, failures = [], []
     for start in space.starts(starts, seed):
-        search = Search(evaluation, space)
+        search = Descent(evaluation, space)
         try:
             if not searches:
                 _check_objective(search, start)
@@ -221,7 +229,7 @@ def _check_reach(evaluation: Evaluation) -> None:
             )
 
 
-def _check_objective(search: Search, start: Any) -> None:
+def _check_objective(search: Descent, start: Any) -> None:
     """Raise an error if the objective does not depend on any design variable."""
     found = search.point(start)
     if isinstance(found, Error) or np.any(found.gradient):
@@ -238,7 +246,7 @@ def _check_objective(search: Search, start: Any) -> None:
 
 def _design(
     evaluation: Evaluation,
-    searches: Sequence[Search],
+    searches: Sequence[Descent],
     best: int,
     end: Any,
     n_failed: int,
@@ -269,7 +277,9 @@ def _design(
     )
 
 
-def _conditions(evaluation: Evaluation, search: Search, point: Point) -> tuple[ConditionValue, ...]:
+def _conditions(
+    evaluation: Evaluation, search: Descent, point: DesignPoint
+) -> tuple[ConditionValue, ...]:
     rows = evaluation.goals.conditions
     found = []
     for i, excess in enumerate(point.conditions):
@@ -285,7 +295,7 @@ def _conditions(evaluation: Evaluation, search: Search, point: Point) -> tuple[C
 
 
 def _message(
-    search: Search,
+    search: Descent,
     values: Mapping[str, float],
     conditions: Sequence[ConditionValue],
     end: Any,

@@ -19,7 +19,7 @@ from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from cotree.compiled import Model
-    from cotree.design.evaluation import Evaluation, Point
+    from cotree.design.evaluation import DesignPoint, Evaluation
     from cotree.model.arrays import Array
     from cotree.results import Result
 
@@ -61,16 +61,16 @@ class Trial:
     reason: str = ""
 
 
-class Search:
+class Descent:
     """A search from one starting point in scaled design variables."""
 
     def __init__(self, evaluation: Evaluation, space: Space) -> None:
         self.evaluation, self.space = evaluation, space
         self.history: list[Trial] = []
         self.best: Array | None = None
-        self._last: tuple[bytes, Point | Error] | None = None
-        self._known: dict[bytes, Point] = {}
-        self._good: Point | None = None
+        self._last: tuple[bytes, DesignPoint | Error] | None = None
+        self._known: dict[bytes, DesignPoint] = {}
+        self._good: DesignPoint | None = None
         rows = evaluation.goals.conditions
         self.equalities = np.array([row.is_equality for row in rows] * len(evaluation.runs), bool)
         self.steepest = 0.0
@@ -83,13 +83,13 @@ class Search:
         names = (row.name for row in self.space.rows)
         return dict(zip(names, self.space.values(v).tolist(), strict=True))
 
-    def point(self, v: Array) -> Point | Error:
+    def point(self, v: Array) -> DesignPoint | Error:
         """Evaluate a point and its gradients in scaled coordinates, or return the Error."""
         key = np.asarray(v, dtype=float).tobytes()
         if self._last is not None and self._last[0] == key:
             return self._last[1]
         values = self.values(v)
-        found: Point | Error
+        found: DesignPoint | Error
         try:
             found = self.evaluation.at(values)
         except Error as error:
@@ -112,16 +112,16 @@ class Search:
         self._last = key, found
         return found
 
-    def violations(self, point: Point) -> Array:
+    def violations(self, point: DesignPoint) -> Array:
         """Return the violation of each constraint; zero if the constraint holds."""
         excess = np.where(self.equalities, np.abs(point.conditions), point.conditions)
         return np.maximum(excess, 0.0)
 
-    def missed(self, point: Point) -> float:
+    def missed(self, point: DesignPoint) -> float:
         """Return the largest constraint violation."""
         return float(np.max(self.violations(point), initial=0.0))
 
-    def known(self, v: Array) -> Point:
+    def known(self, v: Array) -> DesignPoint:
         """Return the stored results at a point that was evaluated successfully."""
         return self._known[v.tobytes()]
 
@@ -131,17 +131,17 @@ class Search:
         assert self.best is not None
         return self._rank(self.known(self.best))
 
-    def _keep(self, v: Array, found: Point) -> None:
+    def _keep(self, v: Array, found: DesignPoint) -> None:
         """Store a point if it is the best: least violation first, then least objective."""
         before = None if self.best is None else self._known[self.best.tobytes()]
         if before is None or self._rank(found) < self._rank(before):
             self.best = np.array(v, dtype=float)
 
-    def _rank(self, found: Point) -> tuple[float, float]:
+    def _rank(self, found: DesignPoint) -> tuple[float, float]:
         missed = float(np.max(self.violations(found) / self.sizes, initial=0.0))
         return (0.0 if missed <= MET else missed, found.objective)
 
-    def penalised(self, v: Array) -> Point:
+    def penalised(self, v: Array) -> DesignPoint:
         """Evaluate a point; if its run fails, return a penalty instead."""
         found = self.point(v)
         if not isinstance(found, Error):
@@ -217,7 +217,7 @@ class Search:
         size = max(self.steepest, abs(self.known(v).objective), 1e-300)
         return bool(end.success) and self._residual(v, self.known(v)) <= OPTIMAL * size
 
-    def _residual(self, v: Array, found: Point) -> float:
+    def _residual(self, v: Array, found: DesignPoint) -> float:
         """Return the norm of the gradient that active bounds and constraints do not balance."""
         from scipy.optimize import nnls
 
