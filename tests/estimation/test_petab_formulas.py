@@ -7,14 +7,14 @@ import math
 import pytest
 
 from cotree.errors import ExpressionError
-from cotree.estimation.petab.model import Formula, number_of
+from cotree.estimation.petab.model import PetabFormula, number_of
 
 VALUES = {"a": 0.7, "b": -1.3, "time": 2.0}
 
 
 def value_of(text):
     # With numbers in place of names, the expression is evaluated by constant folding.
-    formula = Formula(text)
+    formula = PetabFormula(text)
     return number_of(formula.expression(lambda name: f"({VALUES[name]})"), "formula")
 
 
@@ -48,7 +48,7 @@ def test_formulas_have_the_correct_values(text, expected):
 
 
 def test_time_is_t_and_names_are_listed():
-    formula = Formula("a*exp(-b*time)")
+    formula = PetabFormula("a*exp(-b*time)")
     assert formula.names == ("a", "b")
     assert formula.expression({"a": "x.c", "b": "(k)"}.__getitem__) == "x.c * exp(-k * t)"
 
@@ -70,4 +70,4 @@ def test_time_is_t_and_names_are_listed():
 )
 def test_invalid_formulas_are_refused(text, message):
     with pytest.raises(ExpressionError, match=message):
-        Formula(text).expression(lambda name: name)
+        PetabFormula(text).expression(lambda name: name)

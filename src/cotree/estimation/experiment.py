@@ -42,7 +42,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class MeasuredTable:
     """Measured columns over time."""
 
     where: str  # description of the data source, for messages
@@ -67,7 +67,7 @@ class Table:
         return unit
 
 
-def read_table(data: Any, where: str, time: str | None = None) -> Table:
+def read_table(data: Any, where: str, time: str | None = None) -> MeasuredTable:
     """Read measured data from a file, DataFrame or mapping; messages call the data ``where``."""
     if isinstance(data, (str, os.PathLike)):
         where = Path(data).name
@@ -89,7 +89,7 @@ def read_table(data: Any, where: str, time: str | None = None) -> Table:
     names = [rows[i] for i in np.flatnonzero(kept)]
     _check_times(t[kept], names, where)
     found = {n: Column(c.name, c.unit, c.values[kept]) for n, c in columns.items()}
-    return Table(where, names, t[kept], found)
+    return MeasuredTable(where, names, t[kept], found)
 
 
 def in_si(values: Array, unit: Unit | None) -> Array:
@@ -315,7 +315,7 @@ class Experiment:
         is_file = isinstance(data, (str, os.PathLike))
         self.name = name if name is not None or not is_file else Path(data).stem
         where = "the data" if self.name is None else f"the data of experiment '{self.name}'"
-        self.table: Table = read_table(data, where, time)
+        self.table: MeasuredTable = read_table(data, where, time)
         self.where = self.table.where
         self.inputs = check_mapping(inputs, f"inputs of {self.where}")
         self.initial = self._values("initial", initial)

@@ -14,7 +14,7 @@ from cotree.estimation.conditions import Condition
 from cotree.estimation.estimated import Array, Estimated, estimated, read_ranges, spread_starts
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.estimation.multistart import Search, minimise_from_starts
-from cotree.estimation.observing import Observed, Observer, measured_rows
+from cotree.estimation.observing import Observed, ObservedScene, measured_rows
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
 from cotree.scene.expressions import check_number
@@ -103,7 +103,7 @@ class _Assembly:
         if noise is not None:
             check_choice(noise, "noise", ("given", "estimated"))
         self._noise = noise
-        self._observer = Observer(model)
+        self._observer = ObservedScene(model)
         self._runs = [
             self._observer.observe(row, name, list(self._ranges))
             for row, name in zip(rows, _names(rows), strict=True)

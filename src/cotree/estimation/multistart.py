@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Predictions, Problem
 
     #: Returns additional residuals and their Jacobian at ``theta``.
-    Rows = Callable[[Array], tuple[Array, Array]]
+    MoreRows = Callable[[Array], tuple[Array, Array]]
 
 
 class Stopped(BaseException):
@@ -236,7 +236,7 @@ def minimise_from_starts(
     starts: Any,
     search: Search | None = None,
     *,
-    more_rows: Rows | None = None,
+    more_rows: MoreRows | None = None,
     progress: bool = True,
 ) -> tuple[StartRecord, ...]:
     """Minimise the negative log-likelihood, or a robust loss, from several starts.
@@ -258,7 +258,7 @@ def minimise_from_starts(
         for first in range(0, len(points), _SIDE_BY_SIDE):
             meeting = Rendezvous(problem.predict)
             block = [
-                Start(problem, problem.scaled, x, how, more_rows, partial(meeting.ask, i))
+                StartRun(problem, problem.scaled, x, how, more_rows, partial(meeting.ask, i))
                 for i, x in enumerate(points[first : first + _SIDE_BY_SIDE])
             ]
 
@@ -274,7 +274,7 @@ def minimise_from_starts(
     return tuple(sorted(records, key=lambda row: (not math.isfinite(row.objective), row.objective)))
 
 
-class Start:
+class StartRun:
     """Runs the optimiser from one start; ``ask`` predicts for values of the varied parameters."""
 
     def __init__(
@@ -283,7 +283,7 @@ class Start:
         scaled: Scaled,
         began: Array,
         search: Search,
-        more_rows: Rows | None,
+        more_rows: MoreRows | None,
         ask: Callable[[Array], Predictions],
     ) -> None:
         self._likelihood, self._scaled, self._search = problem.likelihood, scaled, search

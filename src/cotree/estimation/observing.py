@@ -56,7 +56,7 @@ class Observed:
     new: set[str] = field(default_factory=set)
 
 
-class Observer:
+class ObservedScene:
     """Adds outputs for measured quantities to a scene and compiles it."""
 
     def __init__(self, model: Model | Scene) -> None:

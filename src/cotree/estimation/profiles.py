@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.estimation.estimated import Scaled
-from cotree.estimation.multistart import Rendezvous, Search, Start, Stopped
+from cotree.estimation.multistart import Rendezvous, Search, StartRun, Stopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from cotree.estimation.estimated import Array
-    from cotree.estimation.multistart import Rows
+    from cotree.estimation.multistart import MoreRows
     from cotree.estimation.problem import Predictions
     from cotree.estimation.uncertainty import Uncertainty
 
@@ -129,7 +129,7 @@ def profiles_of(
     chosen: Sequence[int],
     *,
     level: float = 0.95,
-    more_rows: Rows | None = None,
+    more_rows: MoreRows | None = None,
 ) -> tuple[Profile, ...]:
     """Return profile likelihoods; ``objective`` is the minimum of -log L, including priors."""
     meeting = Rendezvous(found.problem.predict)
@@ -152,7 +152,7 @@ class _Walk:
         found: Uncertainty,
         objective: float,
         level: float,
-        more_rows: Rows | None,
+        more_rows: MoreRows | None,
         ask: Callable[[Array], Predictions],
         index: int,
         side: int,
@@ -249,7 +249,7 @@ class _Walk:
         began = nearest[2] + along * (x - nearest[0])
         others = [row for i, row in enumerate(self._problem.estimated) if i != self._index]
         more = None if self._more is None else partial(self._more_at, x)
-        start = Start(
+        start = StartRun(
             self._problem,
             Scaled(others),
             np.delete(began, self._index),

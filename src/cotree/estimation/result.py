@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from cotree.estimation.candidates import NextMeasurements
     from cotree.estimation.estimated import Array
-    from cotree.estimation.multistart import Rows, Search, StartRecord
+    from cotree.estimation.multistart import MoreRows, Search, StartRecord
     from cotree.estimation.problem import Predictions, Problem
     from cotree.estimation.profiles import Profile
     from cotree.estimation.uncertainty import Uncertainty
@@ -70,7 +70,7 @@ class FitResult(Reported):
         starts: Sequence[StartRecord],
         search: Search | None = None,
         *,
-        more_rows: Rows | None = None,
+        more_rows: MoreRows | None = None,
     ) -> None:
         self.problem, self.starts = problem, tuple(starts)
         self.search, self.more_rows = search, more_rows

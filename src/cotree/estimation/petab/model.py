@@ -176,7 +176,7 @@ _FUNCTIONS = (
 )
 
 
-class Formula:
+class PetabFormula:
     """A formula in PEtab's syntax; ``names`` lists its names in order, without ``time``."""
 
     def __init__(self, text: str) -> None:
@@ -236,7 +236,7 @@ class _Rewriter(Rewriter):
 PLACEHOLDER = re.compile(r"(observable|noise)Parameter([0-9]+)_(\w+)\Z")
 
 
-class Outputs:
+class PetabOutputs:
     """Outputs for the rows of the measurement table; ``expressions`` maps names to formulas.
 
     ``meaning`` returns the expression for a name in the model or in the parameter table, or None.
@@ -247,7 +247,7 @@ class Outputs:
         self, tables: Tables, meaning: Callable[[str], str | None], name: Callable[[str], str]
     ) -> None:
         self._tables, self._meaning, self._name = tables, meaning, name
-        self._formulas: dict[tuple[str, str], Formula] = {}
+        self._formulas: dict[tuple[str, str], PetabFormula] = {}
         self._found: dict[tuple[object, ...], tuple[str, str | float]] = {}
         self._by_expression: dict[str, str] = {}
         self.expressions: dict[str, str] = {}
@@ -294,12 +294,12 @@ class Outputs:
             self.expressions[name] = expression
         return self._by_expression[expression]
 
-    def _formula(self, observable: ObservableRow, column: str) -> Formula:
+    def _formula(self, observable: ObservableRow, column: str) -> PetabFormula:
         key = (observable.name, column)
         if key not in self._formulas:
             text = observable.formula if column == "observableFormula" else observable.noise
             try:
-                self._formulas[key] = Formula(text)
+                self._formulas[key] = PetabFormula(text)
             except ExpressionError as error:
                 raise observable.row.error(f"{column}: {error}") from None
         return self._formulas[key]
@@ -308,7 +308,7 @@ class Outputs:
         self,
         row: MeasurementRow,
         observable: ObservableRow,
-        formula: Formula,
+        formula: PetabFormula,
         overrides: Mapping[str, str],
     ) -> str:
         def meaning(name: str) -> str:
@@ -377,7 +377,7 @@ class PetabModel:
         symbol = self._sbml.symbols.get(name)
         return self._added.get(name) if symbol is None else symbol.name
 
-    def add_outputs(self, outputs: Outputs) -> None:
+    def add_outputs(self, outputs: PetabOutputs) -> None:
         """Add the outputs for observables and noise to the scene."""
         for name, expression in outputs.expressions.items():
             try:
@@ -439,7 +439,7 @@ class PetabModel:
 
 def _names_in(text: str) -> tuple[str, ...]:
     try:
-        return tuple(n for n in Formula(text).names if not PLACEHOLDER.match(n))
+        return tuple(n for n in PetabFormula(text).names if not PLACEHOLDER.match(n))
     except ModelError:
         return ()  # the error is raised later, with the row that uses the formula
 
@@ -458,7 +458,7 @@ def _values(tables: Tables) -> dict[str, float]:
 def mapped(tables: Tables) -> tuple[Scene, tuple[Condition, ...], Measured]:
     """Compile the model; return scene, conditions, and measured values in table order."""
     found = PetabModel(tables)
-    outputs = Outputs(tables, found.meaning, found.namer.own)
+    outputs = PetabOutputs(tables, found.meaning, found.namer.own)
     pairs = [outputs.of_row(row) for row in tables.measurements]
     found.add_outputs(outputs)
     reader = ConditionReader(tables, found.entities)

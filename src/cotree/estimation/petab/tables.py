@@ -34,7 +34,7 @@ Cell = float | str | None
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """A row of a table, with its file and line."""
 
     line: SourceLine  # file and line of the row, for messages
@@ -113,7 +113,7 @@ class ParameterRow:
     """A row of the parameter table, with unscaled bounds and nominal value."""
 
     name: str
-    row: Row
+    row: TableRow
     scale: str
     lower: float
     upper: float
@@ -133,7 +133,7 @@ class ObservableRow:
     """A row of the observable table."""
 
     name: str
-    row: Row
+    row: TableRow
     formula: str
     noise: str
     transformation: str
@@ -144,7 +144,7 @@ class ObservableRow:
 class MeasurementRow:
     """A row of the measurement table; ``before`` is the preequilibration condition or empty."""
 
-    row: Row
+    row: TableRow
     observable: str
     condition: str
     before: str
@@ -159,7 +159,7 @@ class ConditionRow:
     """A row of the condition table, with the values that it sets, by name."""
 
     name: str
-    row: Row
+    row: TableRow
     cells: Mapping[str, Cell]
 
 
@@ -222,7 +222,9 @@ def as_number(text: str) -> float | None:
     return None if math.isnan(value) or is_beyond else value
 
 
-def _by_name(read: Callable[[Row], _Named], rows: Iterable[Row], what: str) -> dict[str, _Named]:
+def _by_name(
+    read: Callable[[TableRow], _Named], rows: Iterable[TableRow], what: str
+) -> dict[str, _Named]:
     """Read rows to a mapping by name; raise an error if a name is not unique."""
     known: dict[str, _Named] = {}
     for row in rows:
@@ -234,7 +236,7 @@ def _by_name(read: Callable[[Row], _Named], rows: Iterable[Row], what: str) -> d
     return known
 
 
-def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
+def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[TableRow]:
     """Yield the nonempty rows of tables; raise an error if columns are missing."""
     for path in paths:
         # ``newline=""`` passes line ends unchanged to the csv module, as it requires.
@@ -254,7 +256,7 @@ def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
                         f"{path}:1: two columns are named '{brief(name)}': remove one of them"
                     )
             for cells in reader:
-                row = Row(SourceLine(str(path), reader.line_num), cells)
+                row = TableRow(SourceLine(str(path), reader.line_num), cells)
                 # The csv module stores cells beyond the header under the key None.
                 if None in cells:
                     raise row.error(
@@ -267,7 +269,7 @@ def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
             raise line.error(f"not a table with tab-separated columns: {error}") from None
 
 
-def _parameter(row: Row) -> ParameterRow:
+def _parameter(row: TableRow) -> ParameterRow:
     name, scale = row.identifier("parameterId"), row.choice("parameterScale", SCALES)
     estimate = row.text("estimate")
     if estimate not in ("0", "1", "0.0", "1.0"):
@@ -306,7 +308,7 @@ def _parameter(row: Row) -> ParameterRow:
     )
 
 
-def _prior(row: Row, column: str) -> PriorRow | None:
+def _prior(row: TableRow, column: str) -> PriorRow | None:
     kind, given = row.text(f"{column}Type"), row.listed(f"{column}Parameters")
     if not kind and not given:
         return None
@@ -326,7 +328,7 @@ def _prior(row: Row, column: str) -> PriorRow | None:
     return PriorRow(kind, first, second)
 
 
-def _observable(row: Row) -> ObservableRow:
+def _observable(row: TableRow) -> ObservableRow:
     formula, noise = row.text("observableFormula"), row.text("noiseFormula")
     name = row.identifier("observableId")
     for column, text in (("observableFormula", formula), ("noiseFormula", noise)):
@@ -342,7 +344,7 @@ def _observable(row: Row) -> ObservableRow:
     )
 
 
-def _condition(row: Row) -> ConditionRow:
+def _condition(row: TableRow) -> ConditionRow:
     cells: dict[str, Cell] = {}
     for column in row.cells:
         if column in ("conditionId", "conditionName"):
@@ -357,7 +359,7 @@ def _condition(row: Row) -> ConditionRow:
 
 
 def _measurement(
-    row: Row, observables: Mapping[str, ObservableRow], conditions: Mapping[str, ConditionRow]
+    row: TableRow, observables: Mapping[str, ObservableRow], conditions: Mapping[str, ConditionRow]
 ) -> MeasurementRow:
     observable, before = row.text("observableId"), row.text("preequilibrationConditionId")
     condition = row.text("simulationConditionId")
