@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 
-class Model(Protocol):
+class CheckedModel(Protocol):
     """A model that can be simulated: :class:`cotree.Model`."""
 
     states: tuple[str, ...]
@@ -40,10 +40,10 @@ class Model(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Experiment:
+class RepeatedRun:
     """A run from the first to the last of ``t_eval`` that is repeated with one value changed."""
 
-    model: Model
+    model: CheckedModel
     t_eval: Array
     settings: Mapping[str, Any] = field(default_factory=dict)
 
@@ -248,10 +248,10 @@ class CheckReport(Reported):
 
 
 def check_sensitivities(
-    model: Model,
+    model: CheckedModel,
     sensitivities: Sequence[str] | None = None,
     t_end: float | None = None,
-    plain: Model | None = None,
+    plain: CheckedModel | None = None,
     *,
     parameters: Mapping[str, float] | None = None,
     method: str | None = None,
@@ -306,8 +306,8 @@ def check_sensitivities(
 
 
 @dataclass(frozen=True, eq=False)
-class _Runs:
-    experiment: Experiment  # experiment whose runs form the differences
+class _ReferenceRuns:
+    experiment: RepeatedRun  # experiment whose runs form the differences
     #: Runs with sensitivities, at the given tolerances and at larger ones.
     with_s: Result
     with_s_loose: Result
@@ -323,8 +323,8 @@ class _Runs:
 
 
 def _reference_runs(
-    model: Model, plain: Model | None, report: CheckReport, common: Mapping[str, Any]
-) -> _Runs:
+    model: CheckedModel, plain: CheckedModel | None, report: CheckReport, common: Mapping[str, Any]
+) -> _ReferenceRuns:
     """Simulate with unchanged values, at the given tolerances and at larger ones."""
     times = np.linspace(0.0, report.t_end, _N_TIMES)
     settings = [
@@ -332,17 +332,17 @@ def _reference_runs(
         for rtol in (report.rtol, _LOOSER * report.rtol)
     ]
     own, differenced = (
-        [Experiment(each, times, given) for given in settings] for each in (model, plain or model)
+        [RepeatedRun(each, times, given) for given in settings] for each in (model, plain or model)
     )
     tight, loose = (run.run() for run in own)
-    runs = _Runs(differenced[0], tight, loose, tight, loose)
+    runs = _ReferenceRuns(differenced[0], tight, loose, tight, loose)
     # FD(h) is computed with ``plain`` if given; e_y is the integration error of that model.
     if plain is None:
         return runs
     return replace(runs, tight=differenced[0].run(), loose=differenced[1].run())
 
 
-def _checked_names(model: Model, wanted: Sequence[str] | None) -> tuple[str, ...]:
+def _checked_names(model: CheckedModel, wanted: Sequence[str] | None) -> tuple[str, ...]:
     names = model.sensitivities if wanted is None else tuple(wanted)
     if not names:
         raise ParameterError(
@@ -353,7 +353,7 @@ def _checked_names(model: Model, wanted: Sequence[str] | None) -> tuple[str, ...
     return names
 
 
-def _check(runs: _Runs, name: str) -> ParameterCheck:
+def _check(runs: _ReferenceRuns, name: str) -> ParameterCheck:
     """Compare one sensitivity with differences; array axes are step, quantity and time."""
     experiment = runs.experiment
     s, y = sensitivities(runs.with_s, name), quantities(runs.tight)
@@ -396,7 +396,7 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
 
 
 def _differences(
-    experiment: Experiment, name: str, steps: Array, shape: tuple[int, ...]
+    experiment: RepeatedRun, name: str, steps: Array, shape: tuple[int, ...]
 ) -> tuple[Array, str]:
     """Compute the central differences at all steps; if a run fails, they are nan, with a reason."""
     # If runs at a step fail, its differences remain nan and the others are compared.

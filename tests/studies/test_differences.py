@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cotree import ParameterError, Scene
-from cotree.check import Experiment, quantities, sensitivities
+from cotree.check import RepeatedRun, quantities, sensitivities
 
 
-def oscillator() -> Experiment:
+def oscillator() -> RepeatedRun:
     """x'' = -k x from x(0) = a, x'(0) = 0: x = a cos(sqrt(k) t)."""
     scene = Scene("oscillator")
     scene.parameter("k", 4.0)
@@ -19,7 +19,7 @@ def oscillator() -> Experiment:
     scene.output("twice", "2*s.s")
     model = scene.compile(["k", "s.s"])
     settings = {"method": "dop853", "rtol": 1e-12, "atol": 1e-14}
-    return Experiment(model, np.linspace(0.0, 2.0, 9), settings)
+    return RepeatedRun(model, np.linspace(0.0, 2.0, 9), settings)
 
 
 def test_differences_are_derivatives() -> None:
@@ -46,7 +46,7 @@ def test_states_mean_their_initial_values() -> None:
 def test_values_of_the_settings_are_kept() -> None:
     experiment = oscillator()
     settings = {**experiment.settings, "parameters": {"a": 2.0}, "initial": {"s.s_dot": 1.0}}
-    other = Experiment(experiment.model, experiment.t_eval, settings)
+    other = RepeatedRun(experiment.model, experiment.t_eval, settings)
     assert other.value("a") == 2.0
     assert other.value("s.s") == 2.0
     y = quantities(other.run({"k": 9.0}))
@@ -63,7 +63,7 @@ def test_size_of_a_step() -> None:
     # The largest rate on the way is a sqrt(k) = 1 at t = pi/4, near the fourth of nine times; at
     # the start it is zero.
     assert experiment.size("s.s_dot", result) == pytest.approx(1.0, abs=0.01)
-    zero = Experiment(
+    zero = RepeatedRun(
         experiment.model, experiment.t_eval, {**experiment.settings, "parameters": {"a": 0.0}}
     )
     assert zero.size("s.s", zero.run()) == 1.0

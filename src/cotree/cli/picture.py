@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.check import Array, Experiment
+from cotree.check import Array, RepeatedRun
 from cotree.errors import Error
 from cotree.files import atomic_write
 from cotree.plot import choose_curves, plot_result, save_figure, svg_text
@@ -70,7 +70,7 @@ def _finite_differences(
     times = np.linspace(result.t[0], result.t[-1], _CIRCLES)
     # Use the method of the result, because "auto" could choose another one.
     tight = {"method": result.statistics.method, "rtol": _RTOL, "atol": _ATOL}
-    experiment = Experiment(model, times, {**settings, **tight})
+    experiment = RepeatedRun(model, times, {**settings, **tight})
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
     # Two runs per parameter provide the differences of all quantities.
     for parameter in dict.fromkeys(parameter for _, parameter in pairs):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Predictions, Problem
     from cotree.estimation.profiles import Profile
     from cotree.estimation.uncertainty import Uncertainty
-    from cotree.plot.fits import Course, Residuals
+    from cotree.plot.fits import Course, ResidualSeries
 
 
 # Width of text, smallest correlation that is listed, and largest number of listed correlations.
@@ -635,16 +635,16 @@ def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> lis
     return parts
 
 
-def residuals(result: FitResult) -> list[Residuals]:
+def residuals(result: FitResult) -> list[ResidualSeries]:
     """Return the residuals of each quantity in each experiment."""
-    from cotree.plot.fits import Residuals
+    from cotree.plot.fits import ResidualSeries
 
     likelihood, values = result.problem.likelihood, result.residuals
     computed = likelihood.transformed(result.predictions.values)
     target = likelihood.transformed(likelihood.value)
     has_several = len(result.problem.conditions) > 1
     return [
-        Residuals(
+        ResidualSeries(
             f"{run.column(name)} · {title_of(run.name)}" if has_several else run.column(name),
             result.problem.measured.t[rows],
             values[rows],

@@ -37,7 +37,7 @@ class Course:
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class ResidualSeries:
     """Residuals of one quantity in one experiment, in standard deviations."""
 
     name: str  # name of the quantity, then of the experiment
@@ -84,7 +84,7 @@ def draw_course(ax: Axes, course: Course) -> None:
     ax.legend(fontsize=8, frameon=False)
 
 
-def draw_residuals(parts: Sequence[Residuals]) -> Figure:
+def draw_residuals(parts: Sequence[ResidualSeries]) -> Figure:
     """Draw residuals over time, measured against computed values, and a normal probability plot."""
     figure = figure_for_people(12.0, 3.8)
     over, against, normal = figure.subplots(1, 3)
@@ -94,7 +94,7 @@ def draw_residuals(parts: Sequence[Residuals]) -> Figure:
     return figure
 
 
-def draw_residuals_over_time(ax: Axes, parts: Sequence[Residuals]) -> None:
+def draw_residuals_over_time(ax: Axes, parts: Sequence[ResidualSeries]) -> None:
     """Draw residuals over time, in standard deviations."""
     ax.axhspan(-1.96, 1.96, color="0.93", lw=0.0, zorder=0)
     ax.axhline(0.0, color="0.5", lw=0.8)
@@ -106,7 +106,7 @@ def draw_residuals_over_time(ax: Axes, parts: Sequence[Residuals]) -> None:
         ax.legend(fontsize=7, frameon=False, markerscale=1.3, **below)
 
 
-def draw_observed(ax: Axes, parts: Sequence[Residuals]) -> None:
+def draw_observed(ax: Axes, parts: Sequence[ResidualSeries]) -> None:
     """Draw measured against computed values, each quantity scaled to its range."""
     is_one = len({part.name.split(" · ")[0] for part in parts}) == 1
     for part, color in zip(parts, curve_colors(len(parts)), strict=True):
@@ -120,7 +120,7 @@ def draw_observed(ax: Axes, parts: Sequence[Residuals]) -> None:
     _label(ax, f"computed{scaled}", f"measured{scaled}", "measured against computed")
 
 
-def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
+def draw_normal(ax: Axes, parts: Sequence[ResidualSeries]) -> None:
     """Draw ordered residuals against quantiles of a normal distribution."""
     from scipy import special
 
@@ -221,7 +221,7 @@ def draw_correlation(names: Sequence[str], correlation: Array, ax: Axes | None =
 
 def draw_overview(
     courses: Sequence[Course],
-    parts: Sequence[Residuals],
+    parts: Sequence[ResidualSeries],
     starts: Sequence[Any],
     names: Sequence[str],
     correlation: Array,

@@ -220,7 +220,7 @@ def bench(
     model = _model(source, sensitivities, tree)
     with without_warnings(category=RuntimeWarning):  # rows contain the messages of runs
         own = {**settings, "parameters": dict(values or {})}
-        runner = _Runs(model, t_end, own, limit)
+        runner = _BenchRuns(model, t_end, own, limit)
         expected = _warm_up(runner, names, tell)
         tell("a reference", _TO_BUILD)
         reference = runner.reference()
@@ -245,7 +245,7 @@ def bench(
     )
 
 
-class _Runs:
+class _BenchRuns:
     """Runs one model with any method and returns values at the same times."""
 
     def __init__(
@@ -289,7 +289,7 @@ class _Runs:
         )
 
 
-def _warm_up(runner: _Runs, methods: Sequence[str], tell: Progress) -> dict[str, float]:
+def _warm_up(runner: _BenchRuns, methods: Sequence[str], tell: Progress) -> dict[str, float]:
     """Run each method once to build its engine; return the elapsed times, [s]."""
     seconds = {}
     for k, method in enumerate(methods):
@@ -300,7 +300,7 @@ def _warm_up(runner: _Runs, methods: Sequence[str], tell: Progress) -> dict[str,
 
 
 def _try_all(
-    runner: _Runs,
+    runner: _BenchRuns,
     trials: Sequence[BenchRow],
     reference: Reference,
     expected: dict[str, float],
@@ -339,7 +339,7 @@ def _leave_out(trials: Sequence[BenchRow], why: str) -> None:
         trial.status, trial.message = _SPENT, f"not run: {why}"
 
 
-def _try(runner: _Runs, trial: BenchRow, reference: Reference) -> None:
+def _try(runner: _BenchRuns, trial: BenchRow, reference: Reference) -> None:
     result, trial.first = _timed(runner, trial)
     if result is None:
         return
@@ -354,13 +354,13 @@ def _try(runner: _Runs, trial: BenchRow, reference: Reference) -> None:
         trial.first = min(trial.first, _timed(runner, trial)[1])
 
 
-def _timed(runner: _Runs, trial: BenchRow) -> tuple[Result | None, float]:
+def _timed(runner: _BenchRuns, trial: BenchRow) -> tuple[Result | None, float]:
     start = time.perf_counter()
     result = _attempt(runner, trial)
     return result, time.perf_counter() - start
 
 
-def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
+def _attempt(runner: _BenchRuns, trial: BenchRow) -> Result | None:
     """Run a row; on an exception, store its message in the row and return None."""
     try:
         return runner.run(trial.method, trial.rtol, trial.atol)
@@ -370,7 +370,7 @@ def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
 
 
 def _time_all(
-    runner: _Runs, trials: Sequence[BenchRow], repeats: int, until: float, tell: Progress
+    runner: _BenchRuns, trials: Sequence[BenchRow], repeats: int, until: float, tell: Progress
 ) -> None:
     """Time the successful rows repeatedly, first the rows that may be recommended."""
 
