@@ -44,7 +44,7 @@ _INWARDS = (
 
 
 @dataclass(frozen=True)
-class Term:
+class PrintedTerm:
     """A quantity in the printed equations: its symbol, its expressions and its frame."""
 
     #: Symbol and owner: ``F`` and ``^k`` for edge k, ``F`` and ``(B)`` for cluster B.
@@ -83,7 +83,9 @@ def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
     return names, bases
 
 
-def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node]) -> list[Term]:
+def edge_terms(
+    first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node]
+) -> list[PrintedTerm]:
     """List the terms of the terminal equations, edge by edge in the scene's order.
 
     ``symbol_of`` returns the symbol of a network variable, given its letter and its owner.
@@ -93,64 +95,64 @@ def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node
     terms = [*_of_bodies(first), *_of_joints(first), *_of_elements(first), *_of_constraints(first)]
     if first.network is not None:
         terms += _of_networks(first.network, symbol_of)
-    gravity = Term("γ", "", first.system.gravity)
+    gravity = PrintedTerm("γ", "", first.system.gravity)
     return [gravity, *sorted(terms, key=lambda term: order[term.edge])]
 
 
-def _of_bodies(first: FirstGraph) -> Iterator[Term]:
+def _of_bodies(first: FirstGraph) -> Iterator[PrintedTerm]:
     """Yield the masses and inertias of the bodies, and the arm vectors."""
     for name, edge in first.system.edges.items():
         place, axes = f"^{name}", _axes(edge.first)
         if edge.component.role is Role.BODY:
-            yield Term("m", place, (edge.scalars["mass"],), "", name)
+            yield PrintedTerm("m", place, (edge.scalars["mass"],), "", name)
             if edge.inertia is not None:
-                yield Term("J", place, _entries(edge.inertia), _axes(edge.second), name)
+                yield PrintedTerm("J", place, _entries(edge.inertia), _axes(edge.second), name)
         elif edge.component.role is Role.ARM:
             if "vector" in edge.vectors:
-                yield Term("r", place, edge.vectors["vector"], axes, name)
+                yield PrintedTerm("r", place, edge.vectors["vector"], axes, name)
             if edge.rotation is not None:
-                yield Term("R", place, _entries(edge.rotation), axes, name)
+                yield PrintedTerm("R", place, _entries(edge.rotation), axes, name)
 
 
-def _of_joints(first: FirstGraph) -> Iterator[Term]:
+def _of_joints(first: FirstGraph) -> Iterator[PrintedTerm]:
     _, bases = _clusters(first)
     for geometry in first.motion.geometry:
         axes = bases[geometry.branch.parent]
         for speed, axis in zip(geometry.branch.speeds, geometry.axes, strict=True):
-            yield Term("u", f"({speed.name})", axis, axes, speed.edge)
+            yield PrintedTerm("u", f"({speed.name})", axis, axes, speed.edge)
     for speed, effort in zip(first.system.speeds, first.loads.efforts, strict=True):
         about = speed.name if speed.coordinate is None else speed.coordinate.name
-        yield Term("Q", f"({about})", (effort.value,), "", speed.edge)
+        yield PrintedTerm("Q", f"({about})", (effort.value,), "", speed.edge)
 
 
-def _of_elements(first: FirstGraph) -> Iterator[Term]:
+def _of_elements(first: FirstGraph) -> Iterator[PrintedTerm]:
     """Yield forces and torques of chords on their second nodes, and those along measures."""
     _, bases = _clusters(first)
     for action in first.loads.actions:
         name, axes = action.edge.name, bases[action.ancestor]
-        yield Term("F", f"^{name}", action.force, axes, name)
-        yield Term("T", f"^{name}", action.torque, axes, name)
+        yield PrintedTerm("F", f"^{name}", action.force, axes, name)
+        yield PrintedTerm("T", f"^{name}", action.torque, axes, name)
     for row in first.applied:
         if row.formula is not None:
-            yield Term("Q", f"({row.name})", (row.magnitude,), "", row.edge)
+            yield PrintedTerm("Q", f"({row.name})", (row.magnitude,), "", row.edge)
 
 
-def _of_constraints(first: FirstGraph) -> Iterator[Term]:
+def _of_constraints(first: FirstGraph) -> Iterator[PrintedTerm]:
     """Yield the constraints of chords, or their rates if only speeds are constrained."""
     held = first.constraints
     for row, value, rate in zip(held.rows, held.values, held.rates, strict=True):
         # A constraint on speeds only has a rate but no value.
         letter, node = ("c", value) if value is not None else ("c_dot", rate)
-        yield Term(letter, f"({row.name})", (node,), "", row.edge, is_held=True)
+        yield PrintedTerm(letter, f"({row.name})", (node,), "", row.edge, is_held=True)
 
 
-def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
+def cluster_terms(first: FirstGraph) -> list[tuple[str, list[PrintedTerm]]]:
     """List the terms of each traversal of the tree, with a title for each traversal."""
     names, bases = _clusters(first)
     used = set(reachable(first.balance.residual))
-    inertias: list[Term] = []
-    across: list[Term] = []
-    through: list[Term] = []
+    inertias: list[PrintedTerm] = []
+    across: list[PrintedTerm] = []
+    through: list[PrintedTerm] = []
     for geometry in first.motion.geometry:
         branch = geometry.branch
         child, outer = branch.child, bases[branch.parent]
@@ -159,21 +161,21 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
         turned = first.motion.frames.steps[child]
         if branch.turns:
             axes = turned or first.motion.frames.rotations[child].matrix
-            across.append(Term("R", place, _entries(axes), outer))
+            across.append(PrintedTerm("R", place, _entries(axes), outer))
         across += [
-            Term("r", place, geometry.offset, outer),
-            Term("ω", place, first.motion.omega[child], own),
-            Term("α", place, first.view.across.alpha[child], own),
-            Term("a", place, first.view.across.origin[child], own),
+            PrintedTerm("r", place, geometry.offset, outer),
+            PrintedTerm("ω", place, first.motion.omega[child], own),
+            PrintedTerm("α", place, first.view.across.alpha[child], own),
+            PrintedTerm("a", place, first.view.across.origin[child], own),
         ]
         inertia = first.loads.inertias[child]
         if inertia is not None:
             inertias += [
-                Term("m", place, (inertia.mass,)),
-                Term("h", place, inertia.moment, own),
+                PrintedTerm("m", place, (inertia.mass,)),
+                PrintedTerm("h", place, inertia.moment, own),
                 # Include only the entries that balances contain: one for a planar body.
                 *(
-                    Term("J", f"{place}.{'xyz'[i]}{'xyz'[j]}", (inertia.tensor[i][j],), own)
+                    PrintedTerm("J", f"{place}.{'xyz'[i]}{'xyz'[j]}", (inertia.tensor[i][j],), own)
                     for i in range(3)
                     for j in range(i + 1)
                     if inertia.tensor[i][j] in used
@@ -182,8 +184,8 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
         beyond = first.balance.beyond[child - 1]
         # The inward traversal begins at the outermost branch.
         through[:0] = [
-            Term("F", place, beyond.force, outer),
-            Term("T", place, beyond.torque, outer),
+            PrintedTerm("F", place, beyond.force, outer),
+            PrintedTerm("T", place, beyond.torque, outer),
         ]
     return [
         (_OUTWARDS, across),
@@ -197,7 +199,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
 
 def _of_networks(
     network: Network, symbol_of: Callable[[Variable, str, str], Node]
-) -> Iterator[Term]:
+) -> Iterator[PrintedTerm]:
     """Yield the network laws: first those that determine a variable, then residuals."""
     rules = network.solved.plan.rules
 
@@ -220,7 +222,7 @@ def _of_networks(
         letter, place = _network_name(network, variable)
         is_held = variable[0].startswith("residual")
         value = rule.value(network.solved.dag, own)
-        yield Term(letter, place, (value,), "", port.edge.name, is_held)
+        yield PrintedTerm(letter, place, (value,), "", port.edge.name, is_held)
 
 
 def _network_name(network: Network, variable: Variable) -> tuple[str, str]:
@@ -269,7 +271,7 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
     speller = _Speller.of(first, equations, names)
     # The f-cutset equations of the branches, projected on their motion spaces.
     rows = zip(first.system.speeds, first.balance.residual, strict=True)
-    balances = [Term("", speed.name, (row,), is_held=True) for speed, row in rows]
+    balances = [PrintedTerm("", speed.name, (row,), is_held=True) for speed, row in rows]
     # Section numbers are numbers of equations in the paper.
     title = f"(3){', (4)' if equations.sensitivities else ''} terminal equations"
     sections = [
@@ -429,7 +431,7 @@ class _Speller:
             self._introduce(symbol, letter, place)
         return self.placeholders[variable]
 
-    def section(self, title: str, terms: Sequence[Term]) -> str:
+    def section(self, title: str, terms: Sequence[PrintedTerm]) -> str:
         """Write a section with the nonzero terms of each graph; empty if there are none."""
         lines = []
         for graph in self.graphs:
@@ -437,7 +439,7 @@ class _Speller:
             lines += ["", *([f"  {graph.label}"] if graph.name else []), *own] if own else []
         return "\n".join([textwrap.fill(title, _WIDTH), *lines]) if lines else ""
 
-    def _lines(self, terms: Sequence[Term], graph: _Graph) -> Iterator[str]:
+    def _lines(self, terms: Sequence[PrintedTerm], graph: _Graph) -> Iterator[str]:
         nodes = [node for term in terms for node in term.nodes]
         # Call once for all terms, because they share most of their derivatives.
         values = iter(nodes if graph.name is None else tangents(nodes, graph.seed))

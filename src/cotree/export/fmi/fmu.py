@@ -22,8 +22,8 @@ from cotree.build.compile import build_library
 from cotree.codegen.c_files import INTEGRATORS
 from cotree.errors import BuildError, CodegenError, SolveError, check_known
 from cotree.export.c_checks import Evaluated, check_loops, check_numbers
-from cotree.export.fmi.model_description import Description, Listing, xml_text
-from cotree.export.fmi.sources import Facts, form_kernels, source_files
+from cotree.export.fmi.model_description import Description, VariableBlocks, xml_text
+from cotree.export.fmi.sources import FmuFacts, form_kernels, source_files
 from cotree.files import atomic_write, write_rows
 from cotree.naming import c_identifier
 from cotree.program.surfaces import strip_switching_surfaces
@@ -268,7 +268,7 @@ def write_fmu(
     # The token is a digest of the sources, which contain it, so they are rendered twice.
     token = _token(files, choice)
     files = source_files(program, kernels, replace(facts, token=token), choice.version)
-    listing = Listing(program.layout, kernels, outside, facts.has_sensitivities)
+    listing = VariableBlocks(program.layout, kernels, outside, facts.has_sensitivities)
     variables = listing.listed(facts.input_values, facts.start, is_found=facts.is_found)
     description = Description(
         choice.version,
@@ -337,7 +337,7 @@ def _facts(
     outside: tuple[int, ...],
     rest: Start | None,
     numbers: tuple[float, float, float],
-) -> Facts:
+) -> FmuFacts:
     layout = program.layout
     t_end, rtol, atol = numbers
     has_steps = "CoSimulation" in choice.kinds
@@ -351,7 +351,7 @@ def _facts(
         if INTEGRATORS[integrator].is_implicit:
             check_loops(program, integrator, is_dependent)
     start, u = rest or evaluated.start, evaluated.initial("inputs")
-    return Facts(
+    return FmuFacts(
         token="",
         integrator=integrator,
         is_exchangeable=is_exchangeable,

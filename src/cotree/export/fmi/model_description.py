@@ -274,7 +274,7 @@ class FmuVariables:
 _PARTS = re.compile(r"((?:[A-Za-z_][A-Za-z0-9_]*\.)*)(.*)", re.DOTALL)
 
 
-class Listing:
+class VariableBlocks:
     """Builds the blocks of variables, with consecutive value references.
 
     ``outside`` contains the indices of the inputs that the importer sets. Raises CodegenError if

@@ -171,7 +171,7 @@ def _time_events(
 class TablesContext(KernelFile):
     """Data of the template of a model's tables; flags and fields are those of ``fmu_tables``."""
 
-    facts: Facts
+    facts: FmuFacts
     further: FmuKernels
     is_implicit: bool
     flags: list[str]
@@ -184,7 +184,7 @@ class TablesContext(KernelFile):
 
 
 @dataclass(frozen=True)
-class Facts:
+class FmuFacts:
     """Properties of an FMU that are not part of the program."""
 
     token: str  # instantiation token (FMI 2: GUID), which ties the library to the description
@@ -206,7 +206,7 @@ class Facts:
 
 
 def source_files(
-    program: Program, kernels: FmuKernels, facts: Facts, version: int
+    program: Program, kernels: FmuKernels, facts: FmuFacts, version: int
 ) -> Mapping[str, str]:
     """Return all sources as text by file name, for version 2 or 3."""
     integrator, is_implicit = facts.integrator, _is_implicit(facts)
@@ -238,11 +238,11 @@ def source_files(
     return project_files(files, DOUBLE, features)
 
 
-def _is_implicit(facts: Facts) -> bool:
+def _is_implicit(facts: FmuFacts) -> bool:
     return bool(facts.integrator) and INTEGRATORS[facts.integrator].is_implicit
 
 
-def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> TablesContext:
+def _tables_context(program: Program, kernels: FmuKernels, facts: FmuFacts) -> TablesContext:
     layout, prefix = program.layout, c_identifier(program.layout.name)
     present = kernels.present
     nodes = [node for kernel in present for node in kernel.order]
@@ -282,7 +282,7 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
     )
 
 
-def _arrays(program: Program, kernels: FmuKernels, facts: Facts) -> Iterable[Constants]:
+def _arrays(program: Program, kernels: FmuKernels, facts: FmuFacts) -> Iterable[Constants]:
     signals = [i for i in range(len(program.layout.inputs)) if i not in facts.outside]
     yield from _ints("inputs", facts.outside)
     yield from _doubles("values", facts.input_values)
