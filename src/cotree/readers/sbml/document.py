@@ -26,7 +26,7 @@ class Formula:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Entity:
     """A compartment, a species, a parameter or a stoichiometry."""
 
     #: Kind, identifier and title of the quantity.
@@ -51,7 +51,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Part:
+class Participant:
     """A reactant or product of a reaction."""
 
     species: str  # identifier of the species
@@ -67,8 +67,8 @@ class Reaction:
 
     id: str
     law: Formula
-    local: dict[str, Quantity]
-    parts: tuple[Part, ...]
+    local: dict[str, Entity]
+    parts: tuple[Participant, ...]
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class SbmlContent:
 
     id: str  # identifier of the model
     #: Compartments, species, parameters, and stoichiometries that have an identifier.
-    quantities: dict[str, Quantity] = field(default_factory=dict)
+    quantities: dict[str, Entity] = field(default_factory=dict)
     functions: dict[str, Any] = field(default_factory=dict)  # syntax trees by identifier
     #: Initial assignments, assignment rules and rate rules, by identifier of their target.
     initials: dict[str, Formula] = field(default_factory=dict)
@@ -181,14 +181,14 @@ class _Reader:
             value = c.getSize() if c.isSetSize() else None
             if value is None and c.isSetVolume():
                 value = c.getVolume()  # Level 2 has the default volume 1
-            add(Quantity("compartment", c.getId(), c.getName(), self.at(c), value, c.getConstant()))
+            add(Entity("compartment", c.getId(), c.getName(), self.at(c), value, c.getConstant()))
         for s in model.getListOfSpecies():
             add(self._species(s))
         for p in model.getListOfParameters():
             value = p.getValue() if p.isSetValue() else None
-            add(Quantity("parameter", p.getId(), p.getName(), self.at(p), value, p.getConstant()))
+            add(Entity("parameter", p.getId(), p.getName(), self.at(p), value, p.getConstant()))
 
-    def _species(self, s: Any) -> Quantity:
+    def _species(self, s: Any) -> Entity:
         gives_amount = s.isSetInitialAmount()
         value = s.getInitialAmount() if gives_amount else None
         if value is None and s.isSetInitialConcentration():
@@ -203,7 +203,7 @@ class _Reader:
         is_point = place.isSetSpatialDimensions() and place.getSpatialDimensions() == 0
         is_amount = s.getHasOnlySubstanceUnits() or is_point
         conversion = s.getConversionFactor() or self.model.getConversionFactor()
-        return Quantity(
+        return Entity(
             "species",
             s.getId(),
             s.getName(),
@@ -217,7 +217,7 @@ class _Reader:
             conversion,
         )
 
-    def _add(self, quantity: Quantity) -> None:
+    def _add(self, quantity: Entity) -> None:
         if quantity.id in self.content.quantities:
             raise quantity.at.error(f"{quantity.whose} is declared twice")
         self.content.quantities[quantity.id] = quantity
@@ -258,15 +258,15 @@ class _Reader:
         if law is None or not law.isSetMath():
             raise self.at(r).error(f"{whose} has no kinetic law: give it one")
         formula = Formula(law.getMath(), self.at(law), f"kinetic law of {whose}")
-        local: dict[str, Quantity] = {}
+        local: dict[str, Entity] = {}
         for p in [*law.getListOfParameters(), *law.getListOfLocalParameters()]:
             value = p.getValue() if p.isSetValue() else None
             kind = f"local parameter of {whose}:"
-            local[p.getId()] = Quantity(kind, p.getId(), p.getName(), self.at(p), value, True)
+            local[p.getId()] = Entity(kind, p.getId(), p.getName(), self.at(p), value, True)
         parts = tuple(self._parts(r, whose))
         self.content.reactions.append(Reaction(r.getId(), formula, local, parts))
 
-    def _parts(self, r: Any, whose: str) -> Iterator[Part]:
+    def _parts(self, r: Any, whose: str) -> Iterator[Participant]:
         for sign, listed in ((-1, r.getListOfReactants()), (1, r.getListOfProducts())):
             for s in listed:
                 species = s.getSpecies()
@@ -287,7 +287,7 @@ class _Reader:
                     id = made = s.getId()
                     kind = f"stoichiometry in {whose}:"
                     fixed = s.isSetConstant() and s.getConstant()
-                    self._add(Quantity(kind, id, "", self.at(s), number, fixed))
+                    self._add(Entity(kind, id, "", self.at(s), number, fixed))
                 elif number is None:
                     raise self.at(s).error(
                         f"the stoichiometry of '{brief(species)}' in {whose} is missing: give a "
@@ -295,7 +295,7 @@ class _Reader:
                     )
                 else:
                     made = number
-                yield Part(species, sign, made, self.at(s))
+                yield Participant(species, sign, made, self.at(s))
 
     def _event(self, e: Any, number: int) -> None:
         id = e.getId() or f"event_{number}"

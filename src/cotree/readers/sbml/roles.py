@@ -8,7 +8,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import ExpressionError, brief, check_known
-from cotree.readers.sbml.document import Formula, Quantity, Reaction, SbmlContent, explained
+from cotree.readers.sbml.document import Entity, Formula, Reaction, SbmlContent, explained
 from cotree.readers.sbml.formulas import FormulaReader, Term, children, kind_of, name, number
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def rate_dependencies(content: SbmlContent) -> dict[str, frozenset[str]]:
     return {name: frozenset(own) for name, own in found.items()}
 
 
-class Role(Enum):
+class EntityRole(Enum):
     """Role of a quantity, which determines the element that represents it in the scene."""
 
     FIXED = "parameter"
@@ -83,14 +83,14 @@ class Role(Enum):
     @property
     def is_state(self) -> bool:
         """Whether the quantity is a state that is integrated."""
-        return self in (Role.CONCENTRATION, Role.AMOUNT, Role.RATE)
+        return self in (EntityRole.CONCENTRATION, EntityRole.AMOUNT, EntityRole.RATE)
 
 
 @dataclass(frozen=True)
 class Roles:
     """Roles of all quantities of a model."""
 
-    of: dict[str, Role]  # roles by identifier
+    of: dict[str, EntityRole]  # roles by identifier
     #: Quantities with assignment rules that become outputs, each after those on which it depends.
     order: tuple[str, ...]
     reactions: dict[str, Reaction]  # reactions by identifier
@@ -98,7 +98,7 @@ class Roles:
     @property
     def unnamed(self) -> frozenset[str]:
         """Stoichiometries whose identifiers occur in no formula."""
-        return frozenset(id for id, role in self.of.items() if role is Role.UNNAMED)
+        return frozenset(id for id, role in self.of.items() if role is EntityRole.UNNAMED)
 
 
 def roles_of(content: SbmlContent) -> Roles:
@@ -112,37 +112,37 @@ def roles_of(content: SbmlContent) -> Roles:
         uses[id] -= reaction.local.keys()
     set_by_events = {id for event in content.events for id in event.sets}
     named = _named(content, uses.values())
-    found: dict[str, Role] = {}
+    found: dict[str, EntityRole] = {}
     for id, row in content.quantities.items():
         if id in content.rates:
-            found[id] = Role.RATE
+            found[id] = EntityRole.RATE
         elif id in content.assignments:
-            found[id] = Role.ASSIGNED
+            found[id] = EntityRole.ASSIGNED
         elif row.kind.startswith("stoichiometry") and id not in named:
-            found[id] = Role.UNNAMED
+            found[id] = EntityRole.UNNAMED
         elif row.kind == "species" and not row.is_boundary and not row.is_constant:
-            found[id] = Role.CONCENTRATION
+            found[id] = EntityRole.CONCENTRATION
         else:
-            found[id] = Role.MODE if id in set_by_events else Role.FIXED
+            found[id] = EntityRole.MODE if id in set_by_events else EntityRole.FIXED
     order = _order(uses | rate_dependencies(content), content)
     # A rule of constants defines a constant; states in a constant compartment need not be amounts.
     for id in order:
-        if id in content.assignments and all(found.get(n) is Role.FIXED for n in uses[id]):
-            found[id] = Role.FIXED
+        if id in content.assignments and all(found.get(n) is EntityRole.FIXED for n in uses[id]):
+            found[id] = EntityRole.FIXED
     for id, row in content.quantities.items():
-        if row.kind == "species" and found[row.compartment] is not Role.FIXED:
+        if row.kind == "species" and found[row.compartment] is not EntityRole.FIXED:
             found[id] = _in_changing_place(found[id], row)
-        elif found[id] is Role.CONCENTRATION and row.is_amount:
-            found[id] = Role.AMOUNT
-    outputs = tuple(id for id in order if found.get(id) is Role.ASSIGNED)
+        elif found[id] is EntityRole.CONCENTRATION and row.is_amount:
+            found[id] = EntityRole.AMOUNT
+    outputs = tuple(id for id in order if found.get(id) is EntityRole.ASSIGNED)
     return Roles(found, outputs, reactions)
 
 
-def _in_changing_place(role: Role, species: Quantity) -> Role:
+def _in_changing_place(role: EntityRole, species: Entity) -> EntityRole:
     """Return the role of a species in a compartment of variable size."""
-    if role is Role.CONCENTRATION or (role is Role.MODE and not species.is_amount):
-        return Role.AMOUNT
-    return Role.DILUTED if role is Role.FIXED and not species.is_amount else role
+    if role is EntityRole.CONCENTRATION or (role is EntityRole.MODE and not species.is_amount):
+        return EntityRole.AMOUNT
+    return EntityRole.DILUTED if role is EntityRole.FIXED and not species.is_amount else role
 
 
 def _named(content: SbmlContent, uses: Iterable[frozenset[str]]) -> frozenset[str]:
@@ -207,7 +207,7 @@ def _check(content: SbmlContent) -> None:
             )
 
 
-class Rates:
+class RateTerms:
     """Terms for rates of change; ``declare`` adds an output or parameter and returns its name."""
 
     def __init__(
@@ -238,26 +238,26 @@ class Rates:
         after = " is not a compartment, species or parameter"
         check_known([id], content.quantities, what, after, ExpressionError)
         quantity, role = content.quantities[id], self._roles.of[id]
-        if id in content.assignments and role is not Role.FIXED:
+        if id in content.assignments and role is not EntityRole.FIXED:
             raise ExpressionError(
                 f"contains rateOf({brief(id)}), but '{brief(id)}' has an assignment rule: replace "
                 "rateOf by the derivative of the rule"
             )
-        if role is Role.RATE:
+        if role is EntityRole.RATE:
             formula = content.rates[id]
             with explained(formula):
                 return reader.read(formula.node)
-        if role is Role.CONCENTRATION:
+        if role is EntityRole.CONCENTRATION:
             return make.form("a/b", self._flow(id, reader), reader.symbol(quantity.compartment))
-        if role is Role.AMOUNT and quantity.is_amount:
+        if role is EntityRole.AMOUNT and quantity.is_amount:
             return self._flow(id, reader)
-        if role not in (Role.AMOUNT, Role.DILUTED):
+        if role not in (EntityRole.AMOUNT, EntityRole.DILUTED):
             return number(0.0)
         # c = n/V: c' = (n' - c V')/V.
         size = reader.symbol(quantity.compartment)
         growth = self.of(quantity.compartment, reader)
         diluted = make.form("a*b", reader.symbol(id), growth)
-        if role is Role.DILUTED:
+        if role is EntityRole.DILUTED:
             return make.form("-a/b", diluted, size)
         return make.form("(a - b)/c", self._flow(id, reader), diluted, size)
 

@@ -21,8 +21,8 @@ from cotree.errors import ExpressionError, SceneError, brief, check_known
 from cotree.files import number_or_text, read_text
 from cotree.readers.names import Namer, SourceLine, located, renaming_notes, scene_name
 from cotree.readers.sbml.document import (
+    Entity,
     Formula,
-    Quantity,
     Reaction,
     SbmlContent,
     SbmlEvent,
@@ -41,8 +41,8 @@ from cotree.readers.sbml.formulas import (
 )
 from cotree.readers.sbml.roles import (
     TIME,
-    Rates,
-    Role,
+    EntityRole,
+    RateTerms,
     Roles,
     names_of,
     rate_dependencies,
@@ -112,7 +112,7 @@ class SceneWriter(Generic[_Scene]):
     def _reader(
         self, symbol: Callable[[str], Term], time: Term, cut: Callable[[str, str], str]
     ) -> FormulaReader:
-        rates = Rates(self.content, self.roles, cut)
+        rates = RateTerms(self.content, self.roles, cut)
         return FormulaReader(self.content.functions, symbol, time, TermMaker(cut), rates.of)
 
     def write(self) -> SbmlModel[_Scene]:
@@ -157,7 +157,7 @@ class SceneWriter(Generic[_Scene]):
 
     def _initial_name(self, id: str) -> str:
         """Return the parameter for an initial value, and schedule its declaration."""
-        if self.roles.of.get(id) is Role.FIXED:
+        if self.roles.of.get(id) is EntityRole.FIXED:
             return self.names[id]
         if id not in self.initial:
             self.initial[id] = self.namer.own(f"{self.names[id]}_0")
@@ -180,24 +180,24 @@ class SceneWriter(Generic[_Scene]):
         with explained(formula):
             return reader.read(formula.node, bound).text
 
-    def _quantity(self, id: str, quantity: Quantity) -> None:
+    def _quantity(self, id: str, quantity: Entity) -> None:
         own = self.names[id]
         match self.roles.of[id]:
-            case Role.FIXED:
+            case EntityRole.FIXED:
                 self.initial[id] = own
                 self._start_of(id)
-            case Role.DILUTED:
+            case EntityRole.DILUTED:
                 # The amount is constant, but the compartment has a variable size.
                 place = quantity.compartment
                 begin = f"{self._initial_name(id)}*{self._initial_name(place)}"
                 self.scene.output(own, f"{begin}/{self.names[place]}")
-            case Role.CONCENTRATION:
+            case EntityRole.CONCENTRATION:
                 self._state(id, self.names[quantity.compartment], own_value=True)
-            case Role.AMOUNT:
+            case EntityRole.AMOUNT:
                 self._state(id, 1.0, own_value=quantity.is_amount)
-            case Role.RATE:
+            case EntityRole.RATE:
                 self._state(id, 1.0, own_value=True)
-            case Role.MODE:
+            case EntityRole.MODE:
                 self.scene.mode(own, self._initial_name(id), doc=quantity.title[:1000])
 
     def _state(self, id: str, volume: str | float, *, own_value: bool) -> None:
@@ -233,7 +233,7 @@ class SceneWriter(Generic[_Scene]):
             value = number_or_text(value)
             self.scene.parameter(own, value, doc=quantity.title[:1000])
 
-    def _converted(self, own: str, quantity: Quantity, value: float) -> str:
+    def _converted(self, own: str, quantity: Entity, value: float) -> str:
         """Return an amount that is given as a concentration, or vice versa, as an expression."""
         place = self._initial_name(quantity.compartment)
         word, sign = ("amount", "/") if quantity.gives_amount else ("concentration", "*")
@@ -242,7 +242,7 @@ class SceneWriter(Generic[_Scene]):
             self.scene.parameter(given, value)
         return f"{given}{sign}{place}"
 
-    def _number(self, quantity: Quantity) -> float:
+    def _number(self, quantity: Entity) -> float:
         if quantity.value is not None:
             return quantity.value
         if quantity.id in self.values:
@@ -282,7 +282,7 @@ class SceneWriter(Generic[_Scene]):
         self._output(own, reaction.law, self._bound(reaction))
         numbers: dict[str, float] = {}
         for part in reaction.parts:
-            if self.roles.of[part.species] not in (Role.CONCENTRATION, Role.AMOUNT):
+            if self.roles.of[part.species] not in (EntityRole.CONCENTRATION, EntityRole.AMOUNT):
                 continue
             count = self._stoichiometry(part.stoichiometry)
             if isinstance(count, float):
@@ -334,7 +334,7 @@ class SceneWriter(Generic[_Scene]):
             lambda: check_coincidences(
                 groups,
                 dependencies,
-                lambda id: self.roles.of.get(id) is Role.FIXED,
+                lambda id: self.roles.of.get(id) is EntityRole.FIXED,
                 lambda row: start_value(self.scene, row.event, row.at_start),
             ),
         ]
@@ -369,7 +369,9 @@ class SceneWriter(Generic[_Scene]):
     def _check_target(self, id: str, formula: Formula) -> None:
         """Raise an error if an event sets a constant or a quantity with an assignment rule."""
         role = self.roles.of[id]
-        if self.content.quantities[id].is_constant or not (role.is_state or role is Role.MODE):
+        if self.content.quantities[id].is_constant or not (
+            role.is_state or role is EntityRole.MODE
+        ):
             raise formula.at.error(
                 f"the {formula.what} sets a constant, or a quantity that a rule determines"
             )
@@ -378,12 +380,12 @@ class SceneWriter(Generic[_Scene]):
         found = {r.id: SbmlSymbol("reaction", self.names[r.id]) for r in self.content.reactions}
         for id, quantity in self.content.quantities.items():
             own, role, factor = self.names[id], self.roles.of[id], ""
-            if role is Role.UNNAMED:
+            if role is EntityRole.UNNAMED:
                 continue
-            state = {Role.MODE: own}.get(role, f"{own}.c" if role.is_state else "")
-            if role is Role.AMOUNT and not quantity.is_amount:
+            state = {EntityRole.MODE: own}.get(role, f"{own}.c" if role.is_state else "")
+            if role is EntityRole.AMOUNT and not quantity.is_amount:
                 factor = self.names[quantity.compartment]
-            begin = "" if role is Role.ASSIGNED else self.initial[id]
+            begin = "" if role is EntityRole.ASSIGNED else self.initial[id]
             if id in self.content.assignments:
                 begin = ""
             found[id] = SbmlSymbol(quantity.kind.split()[0], own, state, factor, begin)
@@ -616,14 +618,14 @@ def assigned_values(
     sizes: dict[str, str] = {}  # values that previous events have set, including compartment sizes
     for texts in events:
         for id, text in texts.items():
-            state = names[id] if roles.of[id] is Role.MODE else f"{names[id]}.c"
-            if roles.of[id] is Role.AMOUNT and not content.quantities[id].is_amount:
+            state = names[id] if roles.of[id] is EntityRole.MODE else f"{names[id]}.c"
+            if roles.of[id] is EntityRole.AMOUNT and not content.quantities[id].is_amount:
                 place = content.quantities[id].compartment
                 text = f"({text})*({sizes.get(place, names[place])})"
             found[state] = text
         for id, quantity in content.quantities.items():
             # For a rate rule, the state is the concentration.
-            is_kept = roles.of[id] is Role.RATE and not quantity.is_amount
+            is_kept = roles.of[id] is EntityRole.RATE and not quantity.is_amount
             if is_kept and (place := quantity.compartment) in texts:
                 state, old = f"{names[id]}.c", sizes.get(place, names[place])
                 found[state] = f"({found.get(state, state)})*({old})/({texts[place]})"
@@ -637,7 +639,7 @@ def check_sizes(content: SbmlContent, roles: Roles, dependencies: Dependencies) 
     for id, formula in content.rates.items():
         quantity = content.quantities[id]
         place = quantity.compartment
-        if not place or quantity.is_amount or roles.of[place] is not Role.ASSIGNED:
+        if not place or quantity.is_amount or roles.of[place] is not EntityRole.ASSIGNED:
             continue
         if set_by_events & dependencies.of(content.assignments[place].node):
             raise formula.at.error(
