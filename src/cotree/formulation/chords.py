@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Row:
+class Constraint:
     """One scalar constraint: a measure that must be zero."""
 
     name: str  # name of the measure in reports, ``edge.place``
@@ -50,9 +50,9 @@ class Row:
     measure: Measure  # measure that must be zero
 
 
-def constraint_rows(motion: Motion) -> list[Row]:
+def constraint_rows(motion: Motion) -> list[Constraint]:
     """Return the constraint rows of all chord joints, constraints and prescribed motions."""
-    rows: list[Row] = []
+    rows: list[Constraint] = []
     for edge in motion.system.edges.values():
         role = edge.component.role
         if role is Role.CONSTRAINT and edge.component.name in _CONSTRAINTS:
@@ -64,7 +64,7 @@ def constraint_rows(motion: Motion) -> list[Row]:
     return rows
 
 
-def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     """Yield the constraints of a chord joint: zero across variables along its reaction space."""
     trees = motion.system.trees
     if not trees.is_branch(edge.name, rotates=False):
@@ -73,11 +73,11 @@ def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
         yield from _rotation_rows(motion, edge)
 
 
-def _named(edge: BoundEdge, place: str, unit: str, measure: Measure) -> Row:
-    return Row(f"{edge.name}.{place}", edge.name, unit, measure)
+def _named(edge: BoundEdge, place: str, unit: str, measure: Measure) -> Constraint:
+    return Constraint(f"{edge.name}.{place}", edge.name, unit, measure)
 
 
-def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     """Yield rows that keep the two nodes together, except along the joint's translations."""
     ends, dag = chord_ends(motion, edge), motion.system.dag
     sliding = [s for s in edge.component.motion_space if isinstance(s, Freedom) and not s.rotates]
@@ -108,7 +108,7 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
         yield _named(edge, "along", "m", Composite(parts, held, motion.system.time))
 
 
-def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Row]:
+def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Constraint]:
     """Yield rows that keep the second node at the tip of a vector fixed in the first node."""
     dag = motion.system.dag
     for i, place in enumerate("xyz"):
@@ -118,7 +118,7 @@ def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Row]:
         yield _named(edge, place, "m", measure)
 
 
-def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     """Yield rows that keep the axes of both nodes aligned, except for the joint's rotations."""
     ends, dag = chord_ends(motion, edge), motion.system.dag
     turning = [s for s in edge.component.motion_space if s.rotates]
@@ -282,7 +282,7 @@ def expression_measure(motion: Motion, expression: Expression, offset: Node) -> 
     return Composite(tuple(parts), node, system.time)
 
 
-def _prescribed(motion: Motion, edge: BoundEdge) -> Row:
+def _prescribed(motion: Motion, edge: BoundEdge) -> Constraint:
     name, unit = edge.component.motion_space[0].coordinates[0]
     measure = named_measure(motion, f"{edge.name}.{name}")
     assert measure is not None  # only joints with a single coordinate have the field ``motion``
@@ -291,13 +291,13 @@ def _prescribed(motion: Motion, edge: BoundEdge) -> Row:
     return _named(edge, "motion", unit, Composite((measure,), held, motion.system.time))
 
 
-def _distance(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _distance(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     held = motion.system.dag.symbol("measure", 0) - edge.scalars["length"]
     measure = Composite((Distance(chord_ends(motion, edge)),), held, motion.system.time)
     yield _named(edge, "length", "m", measure)
 
 
-def _slot(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _slot(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     ends = chord_ends(motion, edge)
     for i, normal in enumerate(_perpendicular(edge.vectors["axis"])):
         across = carried_by(motion, ends, 0, normal)
@@ -321,7 +321,7 @@ def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
     return first, vector.cross((x, y, z), first)
 
 
-def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     from cotree.formulation.contact import Slip
 
     ends = chord_ends(motion, edge)
@@ -329,7 +329,7 @@ def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     yield _named(edge, "across", "m/s", Slip(ends, across))
 
 
-def _rolling(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _rolling(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     from cotree.formulation.contact import Touching, surface_of
 
     ends, normal = chord_ends(motion, edge), edge.vectors["normal"]
@@ -345,7 +345,7 @@ def _rolling(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
         yield _named(edge, place, "m" if is_height else "m/s", measure)
 
 
-def _gear(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _gear(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     dag = motion.system.dag
     pair = [
         expression_measure(motion, edge.expressions[name], dag.zero)
@@ -356,12 +356,12 @@ def _gear(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     yield _named(edge, "mesh", "", Composite(tuple(pair), held, motion.system.time))
 
 
-def _constraint(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _constraint(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
     measure = expression_measure(motion, edge.expressions["expression"], motion.system.dag.zero)
     yield _named(edge, "value", "", measure)
 
 
-_CONSTRAINTS: dict[str, Callable[[Motion, BoundEdge], Iterator[Row]]] = {
+_CONSTRAINTS: dict[str, Callable[[Motion, BoundEdge], Iterator[Constraint]]] = {
     "distance": _distance,
     "slot": _slot,
     "knife_edge": _knife_edge,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.formulation.across import Motion, View
-    from cotree.formulation.chords import Row
+    from cotree.formulation.chords import Constraint
     from cotree.formulation.frames import Geometry
     from cotree.formulation.measures import Measure, Pull
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class Constraints:
     """The constraint equations of a scene."""
 
-    rows: tuple[Row, ...]  # constraints whose rate depends on at least one speed
+    rows: tuple[Constraint, ...]  # constraints whose rate depends on at least one speed
     multipliers: tuple[Node, ...]  # symbols of the multipliers, which are constraint forces
     applied: tuple[Applied, ...]  # generalised forces due to the multipliers
     #: Derivative of each rate with respect to each speed, shape (n_rows, n_speeds).
@@ -39,7 +39,9 @@ class Constraints:
     baumgarte: float  # decay rate of constraint violations
 
 
-def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
+def form_constraints(
+    motion: Motion, view: View, baumgarte: float
+) -> tuple[Constraints, list[Constraint]]:
     """Form the constraints (``baumgarte`` in 1/s); also return rows that no motion can change."""
     dag, speeds = motion.system.dag, motion.system.speeds
     kept, idle = [], []

@@ -37,7 +37,7 @@ from cotree.formulation.mass_matrix import (
 )
 from cotree.formulation.networks.attached import Attached, attach_network
 from cotree.formulation.outputs import Observer, Outputs, form_outputs, observe_motion
-from cotree.formulation.start import Condition, body_starts, start_conditions
+from cotree.formulation.start import StartValue, body_starts, start_conditions
 from cotree.formulation.system import System, bind
 from cotree.formulation.through import Balance, Loads, balance, loads_of, mass_matrix
 from cotree.naming import split_name
@@ -172,7 +172,7 @@ class FirstGraph:
     applied: tuple[Applied, ...]
     constraints: Constraints  # constraints of the chords
     holdings: tuple[HoldingRow, ...]  # equations for the multipliers of dry friction and stops
-    conditions: tuple[Condition, ...]  # initial values of variables that are not states
+    conditions: tuple[StartValue, ...]  # initial values of variables that are not states
     measured: Mapping[Node, Node]  # values of the across variables that are symbols in fields
     reactions: frozenset[Node]  # symbols in ``measured`` that represent accelerations or reactions
     unknowns: tuple[Node, ...]  # symbols of the accelerations, then of the multipliers

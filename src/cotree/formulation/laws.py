@@ -13,7 +13,7 @@ from cotree.components.mechanical import VELOCITY_SOURCES, counterpart_of
 from cotree.dag import vector
 from cotree.dag.derivative import tangents
 from cotree.errors import SceneError, nearest
-from cotree.formulation.chords import Row, chord_measure, named_measure, whole_angle
+from cotree.formulation.chords import Constraint, chord_measure, named_measure, whole_angle
 from cotree.formulation.measures import (
     Angle,
     AxisLength,
@@ -250,7 +250,7 @@ class PrescribedRate:
         return self.measure.pull(view)
 
 
-def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
+def prescribed_rate_rows(motion: Motion) -> Iterator[Constraint]:
     """Yield the constraint rows of velocity sources that act on joints."""
     for edge in motion.system.edges.values():
         if edge.component.role is Role.CONSTRAINT and edge.component.name in VELOCITY_SOURCES:
@@ -258,7 +258,9 @@ def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
             element = JointElement(edge.name, edge.component.name, turns)
             measure = joint_measure(element, edge.expressions["joint"].text.strip(), motion)
             prescribed = PrescribedRate(measure, edge.scalars[field], motion.system.time)
-            yield Row(f"{edge.name}.motion", edge.name, "rad/s" if turns else "m/s", prescribed)
+            yield Constraint(
+                f"{edge.name}.motion", edge.name, "rad/s" if turns else "m/s", prescribed
+            )
 
 
 def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:

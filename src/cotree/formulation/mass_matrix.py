@@ -36,7 +36,7 @@ from cotree.scene.checks import ROUNDING
 if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Motion, View
-    from cotree.formulation.chords import Row
+    from cotree.formulation.chords import Constraint
     from cotree.formulation.frames import Geometry
     from cotree.formulation.system import System
 
@@ -61,7 +61,7 @@ def check_inertia(
             )
 
 
-def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
+def met_where_idle(rows: Sequence[Constraint], view: View) -> list[Guard]:
     """Return guards for constraints that no motion changes; raise an error if one is violated."""
     guards = []
     for row in rows:

@@ -90,7 +90,7 @@ def _start(
 
 
 @dataclass(frozen=True)
-class Condition:
+class StartValue:
     """Initial value of a coordinate or rate that is no state, with derivatives along the speeds."""
 
     name: str
@@ -101,7 +101,7 @@ class Condition:
     gradient: tuple[Node, ...]
 
 
-def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
+def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[StartValue, ...]:
     """Return the scene's initial values for chords, which are joints and bodies."""
     system = motion.system
     given = [
@@ -132,7 +132,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
         gradient = tuple(along_speeds(motion, measure.pull(view)))
         node = value.lower(system.dag, system.of_parameters)
         own = f"{edge.name}.{name}"
-        found.append(Condition(own, units[name], measure, name in rates, node, gradient))
+        found.append(StartValue(own, units[name], measure, name in rates, node, gradient))
     return tuple(found)
 
 

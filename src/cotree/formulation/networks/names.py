@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Container, Mapping
 
     from cotree.formulation.networks.rules import Variable
-    from cotree.formulation.networks.stores import Store
+    from cotree.formulation.networks.stores import Total
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
@@ -24,7 +24,7 @@ class Names:
 
     ports: Mapping[str, Port]
     topologies: Mapping[str, Topology]
-    stores: Mapping[str, Store]
+    stores: Mapping[str, Total]
 
     @cached_property
     def _of_ports(self) -> dict[str, Variable]:

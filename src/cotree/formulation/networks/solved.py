@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Block:
+class CoupledBlock:
     """Variables that depend on each other and are solved for together."""
 
     unknowns: tuple[Variable, ...]  # unknowns of the block, each with one equation
@@ -48,17 +48,17 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SolvePlan:
     """Variables and blocks in the order of computation, and the rules of all variables."""
 
-    steps: tuple[Variable | Block, ...]
+    steps: tuple[Variable | CoupledBlock, ...]
     rules: dict[Variable, Rule]
 
 
-def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
+def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> SolvePlan:
     """Return the order in which ``roots``, and the variables they need, are computed."""
     rules = _gather(terminals.rule, roots)
-    steps: list[Variable | Block] = []
+    steps: list[Variable | CoupledBlock] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
         (first, *others) = part
         # A single variable that does not depend on itself is computed from earlier variables.
@@ -69,7 +69,7 @@ def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
             steps.append(first)
         else:
             steps.append(_tear(terminals, rules, part))
-    return Plan(tuple(steps), rules)
+    return SolvePlan(tuple(steps), rules)
 
 
 def _undetermined(terminals: Terminals, variable: Variable) -> str:
@@ -123,7 +123,9 @@ def _rank(variable: Variable, terminals: Terminals) -> int:
     return 0 if terminals.ports[name].kind in (Kind.DISSIPATOR, Kind.SPRING) else 1
 
 
-def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Variable]) -> Block:
+def _tear(
+    terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Variable]
+) -> CoupledBlock:
     """Turn variables of a component into unknowns, so that all others can be computed in order."""
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
@@ -138,7 +140,7 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
         pieces = _parts(needs)
         if all(len(piece) == 1 and piece[0] not in needs[piece[0]] for piece in pieces):
             rules |= torn | extra
-            return Block(tuple(torn), tuple(residuals), tuple(piece[0] for piece in pieces))
+            return CoupledBlock(tuple(torn), tuple(residuals), tuple(piece[0] for piece in pieces))
     # A cycle always contains a variable that is no sum.
     raise AssertionError("a component without a variable to tear")
 
@@ -173,7 +175,7 @@ class _Nodal:
 
 def factorise_nodal(
     terminals: Terminals,
-    block: Block,
+    block: CoupledBlock,
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
     n_nonzeros: float = inf,
@@ -215,7 +217,7 @@ def factorise_nodal(
 
 def _conductances(
     terminals: Terminals,
-    block: Block,
+    block: CoupledBlock,
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
 ) -> dict[Variable, Node] | None:
@@ -351,9 +353,9 @@ class Solved:
     """The values of all variables in a network."""
 
     dag: Dag  # arena of the nodes
-    plan: Plan  # order in which variables are computed
+    plan: SolvePlan  # order in which variables are computed
     values: dict[Variable, Node]  # values of the variables computed so far
-    blocks: dict[Block, SolvedBlock] = field(default_factory=dict)
+    blocks: dict[CoupledBlock, SolvedBlock] = field(default_factory=dict)
     #: Algebraic unknowns, which are not eliminated, with their symbols.
     algebraic: dict[Variable, Node] = field(default_factory=dict)
 
@@ -365,9 +367,9 @@ class Solved:
 
 def solve_plan(
     terminals: Terminals,
-    plan: Plan,
+    plan: SolvePlan,
     algebraic_symbol: Callable[[int], Node],
-    is_safe: Callable[[Block], bool],
+    is_safe: Callable[[CoupledBlock], bool],
     *,
     is_static: bool = False,
 ) -> Solved:
@@ -379,7 +381,7 @@ def solve_plan(
     dag = terminals.time.dag
     solved = Solved(dag, plan, {})
     for step in plan.steps:
-        if isinstance(step, Block):
+        if isinstance(step, CoupledBlock):
             _solve_block(solved, terminals, step, algebraic_symbol, is_safe(step), is_static)
         else:
             solved.values[step] = plan.rules[step].value(dag, solved.values)
@@ -389,7 +391,7 @@ def solve_plan(
 def _solve_block(
     solved: Solved,
     terminals: Terminals,
-    block: Block,
+    block: CoupledBlock,
     algebraic_symbol: Callable[[int], Node],
     is_safe: bool,
     is_static: bool,
@@ -465,7 +467,7 @@ def _stays(terminals: Terminals, variable: Variable) -> bool:
 
 def _linearise(
     solved: Solved,
-    block: Block,
+    block: CoupledBlock,
     symbols: Mapping[Variable, Node],
     trial: Mapping[Variable, Node],
     stays: Callable[[Variable], bool],
@@ -498,7 +500,7 @@ def _linearise(
 
 
 def _differentiate(
-    plan: Plan,
+    plan: SolvePlan,
     variables: Iterable[Variable],
     values: Mapping[Variable, Node],
     d: dict[Variable, Tangent],
@@ -512,7 +514,7 @@ def differentiate_plan(solved: Solved, given: Given) -> dict[Variable, Tangent]:
     """Differentiate a plan along several directions at once; zero derivatives are omitted."""
     d: dict[Variable, Tangent] = {}
     for step in solved.plan.steps:
-        if isinstance(step, Block):
+        if isinstance(step, CoupledBlock):
             _differentiate_block(solved, step, d, given)
         else:
             d[step] = solved.plan.rules[step].tangent(solved.values, d, given)
@@ -520,7 +522,7 @@ def differentiate_plan(solved: Solved, given: Given) -> dict[Variable, Tangent]:
 
 
 def _differentiate_block(
-    solved: Solved, block: Block, d: dict[Variable, Tangent], given: Given
+    solved: Solved, block: CoupledBlock, d: dict[Variable, Tangent], given: Given
 ) -> None:
     """Solve for the derivatives of a block's unknowns with its factorised matrix."""
     own = solved.blocks[block]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.formulation.fields import Resolver
     from cotree.formulation.networks.rules import Variable
-    from cotree.formulation.networks.stores import Store
+    from cotree.formulation.networks.stores import Total
     from cotree.graph import LinearGraph
     from cotree.scene.networks import Port
 
@@ -101,7 +101,7 @@ def held_variables(
     ports: Mapping[str, Port],
     topologies: Mapping[str, Topology],
     positions: Mapping[str, Topology],
-    stores: Mapping[str, Store],
+    stores: Mapping[str, Total],
     used: AbstractSet[str],
 ) -> list[Held]:
     """Return the states of the networks; integrals are states if they are used or initialised."""
@@ -158,7 +158,7 @@ def summed_positions(
     return tuple(rows)
 
 
-def _check_content(port: Port, store: Store | None) -> None:
+def _check_content(port: Port, store: Total | None) -> None:
     """Raise an error if a content has an initial value but depends on other contents."""
     content = content_of(port.terminal)
     # The content of a single storage is a state, which has this initial value itself.

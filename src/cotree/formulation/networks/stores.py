@@ -31,7 +31,7 @@ _VARIABLES = {
 
 
 @dataclass(frozen=True)
-class Store:
+class Total:
     """A sum of storage contents (charges or flux linkages) that is a state."""
 
     port: Port  # the storage whose f-cutset or f-circuit defines the total
@@ -84,7 +84,7 @@ def find_stores(
     topologies: Mapping[str, Topology],
     cutsets: Mapping[str, Topology],
     contents: Mapping[str, Law],
-) -> dict[str, Store]:
+) -> dict[str, Total]:
     """Return the totals of contents that are states, by port."""
     found = {}
     for name in contents:
@@ -113,7 +113,7 @@ def find_stores(
 
 def _store(
     ports: Mapping[str, Port], name: str, around: Mapping[str, int], like: Iterable[str]
-) -> Store:
+) -> Total:
     port, within = ports[name], set(like)
     flow = _VARIABLES[port.kind][1]
     flows: list[tuple[int, Variable]] = [
@@ -126,7 +126,7 @@ def _store(
         flows.append((-1, ("loss", name)))
     # The contents of edges in the opposite direction are subtracted.
     parts = ((1, name), *((-around[n], n) for n in like))
-    return Store(port, parts, tuple(flows))
+    return Total(port, parts, tuple(flows))
 
 
 def _has_loss(port: Port) -> bool:

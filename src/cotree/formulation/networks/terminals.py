@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from cotree.equations import Guard
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Rule, Variable
-    from cotree.formulation.networks.stores import Store
+    from cotree.formulation.networks.stores import Total
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
@@ -66,7 +66,7 @@ class Terminals:
     time: Node  # symbol of time in the program
     couplings: Mapping[str, Coupling]  # motion of ports that act on a multibody system
     #: Totals of contents that are states, by the port that defines them.
-    stores: Mapping[str, Store]
+    stores: Mapping[str, Total]
     contents: Mapping[str, Law]  # contents of storages, by port
     modes: frozenset[Node]  # symbols of the modes, which change only at events
     #: By controlling edge: controlled sources whose laws determine the controlling variables.
