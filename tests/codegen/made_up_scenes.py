@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import cotree
-from cotree.dag.lookup import Table
+from cotree.dag.lookup import LinearTable
 from cotree.dag.multi_output import Function, SolveShape, call, solve, table
 from cotree.dag.nodes import Dag
 
@@ -103,6 +103,6 @@ def call_case() -> tuple[Dag, list[Any]]:
     x, p = dag.symbol("x", 0), dag.symbol("p", 0)
     first, second = call(dag, SWIRL, [x, p * x])
     partials = call(dag, SWIRL.partials, [x, p])  # type: ignore[arg-type]
-    value, slope = table(dag, Table((-1.0, 0.0, 2.0), (3.0, 1.0, 5.0)), second)
+    value, slope = table(dag, LinearTable((-1.0, 0.0, 2.0), (3.0, 1.0, 5.0)), second)
     chosen = dag.select(value - 2.0, first, -slope)
     return dag, [first, second, *partials, value, slope, chosen, dag.function("sign", -second)]

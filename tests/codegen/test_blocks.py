@@ -17,7 +17,7 @@ from cotree.codegen.context import model_context
 from cotree.codegen.ir import (
     Argument,
     Assign,
-    Report,
+    SetStatus,
     apply,
     call,
     element,
@@ -160,7 +160,7 @@ def test_a_status_is_told_to_the_caller():
     args = [temporary("v", i) for i in range(30)]
     rows = [_let(0, "add", element("x", 0), number(1.0))]
     rows += [_let(i, "add", args[i - 1], number(1.0)) for i in range(1, 30)]
-    rows.insert(15, Report(apply("fails", call("swirl", named("x"))), "COTREE_FAILED_CALL"))
+    rows.insert(15, SetStatus(apply("fails", call("swirl", named("x"))), "COTREE_FAILED_CALL"))
     cut = cut_into_blocks("f_{}", [*rows, _result(0, 29)], ARGUMENTS, ("dx",), longest=10)
     body = print_body(cut)
     (block,) = (block for block in body.blocks if "int *status" in block.signature)

@@ -10,7 +10,7 @@ import pytest
 from evaluated_kernels import EvaluatedKernels
 
 import cotree
-from cotree.dag.lookup import CubicTable, PlaneTable, Table
+from cotree.dag.lookup import CubicTable, LinearTable, PlaneTable
 from cotree.dag.multi_output import SEVERAL, sines, table
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
@@ -108,7 +108,7 @@ def test_what_has_several_results(both):
     assert set(SEVERAL) == {"solve", "call", "map"} | tested
     dag = Dag()
     x = [dag.symbol("x", i) for i in range(3)]
-    value, slope = table(dag, Table((-1.0, 0.5, 2.0), (3.0, -1.0, 4.0)), x[0])
+    value, slope = table(dag, LinearTable((-1.0, 0.5, 2.0), (3.0, -1.0, 4.0)), x[0])
     cubic = CubicTable((-1.0, 0.5, 2.0), (3.0, -1.0, 4.0), (0.3, 0.0, 1.7))
     plane = PlaneTable((-1.0, 0.5, 2.0), (0.0, 2.0), (3.0, -1.0, 4.0, 0.5, 1.0, -2.0))
     found = [*dag.several("lookup", x[:1], cubic, 4), *dag.several("lookup", x[:2], plane, 4)]

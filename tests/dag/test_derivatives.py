@@ -8,7 +8,7 @@ import pytest
 
 from cotree.dag.derivative import PARTIALS, adjoints, tangent, tangents
 from cotree.dag.evaluate import evaluate
-from cotree.dag.lookup import Table
+from cotree.dag.lookup import LinearTable
 from cotree.dag.multi_output import Function, SolveShape, call, solve, table
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
@@ -110,7 +110,7 @@ def _solve_case(dag):
 
 def _table_case(dag):
     x = dag.symbol("x", 0)
-    value, slope = table(dag, Table((0.0, 1.0, 3.0), (1.0, 4.0, 2.0)), x * x)
+    value, slope = table(dag, LinearTable((0.0, 1.0, 3.0), (1.0, 4.0, 2.0)), x * x)
     return [value * x, slope * x], {x: 1.3}
 
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.lookup import Table
+from cotree.dag.lookup import LinearTable
 from cotree.dag.multi_output import table
 from cotree.dag.nodes import Dag, Node
 from cotree.dag.ranges import ENDLESS, is_ranged, ranges
 
 UNARY = ("sin", "cos", "tan", "exp", "tanh", "atan", "erf", "abs", "sign", "floor", "cosh", "sinh")
-SAW = Table((0.0, 1.0, 1.5, 3.0), (0.0, 2.0, -1.0, 0.5))
-RISE = Table((0.0, 1.0, 1.5), (0.0, 2.0, 2.5))
+SAW = LinearTable((0.0, 1.0, 1.5, 3.0), (0.0, 2.0, -1.0, 0.5))
+RISE = LinearTable((0.0, 1.0, 1.5), (0.0, 2.0, 2.5))
 
 
 def drawn(rng: np.random.Generator, x: Node, y: Node, depth: int) -> Node:

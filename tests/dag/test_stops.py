@@ -78,12 +78,12 @@ def test_times_that_differ_by_roundings_are_one():
 
 
 def test_tables_of_time_stop_at_their_points():
-    from cotree.dag.lookup import Table
+    from cotree.dag.lookup import LinearTable
     from cotree.dag.multi_output import table
 
     dag = Dag()
     t = dag.symbol("t", 0)
-    value, _ = table(dag, Table((0.0, 1.0, 4.0), (0.0, 2.0, 1.0)), 2.0 * t - 1.0)
+    value, _ = table(dag, LinearTable((0.0, 1.0, 4.0), (0.0, 2.0, 1.0)), 2.0 * t - 1.0)
     assert stop_times(find_time_events(dag, [value]), {}, 0.0, 10.0) == [0.5, 1.0, 2.5]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.lookup import Table
+from cotree.dag.lookup import LinearTable
 from cotree.dag.multi_output import Function, call, solve, solve_pivoted, table
 from cotree.dag.nodes import dependent, reachable, substitute, symbols_in
 
@@ -66,7 +66,7 @@ def test_evaluate_needs_every_symbol(dag, x, y):
 
 def test_evaluate_on_arrays(dag, x, y):
     t = np.linspace(-1.0, 1.0, 5)
-    value, slope = table(dag, Table((0.0, 1.0), (2.0, 3.0)), x)
+    value, slope = table(dag, LinearTable((0.0, 1.0), (2.0, 3.0)), x)
     roots = [dag.select(x, x, 2.0 * y), dag.function("atan2", x, y), value, slope]
     found = evaluate(roots, {x: t, y: np.full(5, 0.5)}, "array")
     np.testing.assert_allclose(found[0], np.where(t >= 0, t, 1.0))
@@ -77,7 +77,7 @@ def test_evaluate_on_arrays(dag, x, y):
 
 def test_arrays_have_the_values_of_their_entries(dag, x, y):
     """A system is singular at the third entry, where a call is undefined."""
-    data = Table((0.0, 1.0, 3.0), (1.0, 4.0, 2.0))
+    data = LinearTable((0.0, 1.0, 3.0), (1.0, 4.0, 2.0))
     looked_up, solved = table(dag, data, x), solve(dag, [[x, y], [y, x]], [y, dag.one])
     at = {x: np.array([-1.0, 0.5, 2.0, 3.0, math.inf]), y: np.array([2.0, 1.5, -2.0, 4.0, 0.1])}
     found = np.array(evaluate([*looked_up, *solved], at, "array"))
@@ -107,7 +107,7 @@ def test_arrays_have_the_values_of_their_entries(dag, x, y):
     ],
 )
 def test_table(dag, x, at, value, slope):
-    roots = table(dag, Table((0.0, 1.0, 3.0), (1.0, 4.0, 2.0)), x)
+    roots = table(dag, LinearTable((0.0, 1.0, 3.0), (1.0, 4.0, 2.0)), x)
     assert evaluate(roots, {x: at}) == [value, slope]
 
 

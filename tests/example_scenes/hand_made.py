@@ -9,7 +9,7 @@ from cotree import Model, Scene
 from cotree.build import BuildOptions
 from cotree.codegen.context import model_context
 from cotree.dag.derivative import tangents
-from cotree.dag.lookup import Table
+from cotree.dag.lookup import LinearTable
 from cotree.dag.multi_output import table
 from cotree.dag.nodes import STATE_RATE, Dag
 from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
@@ -40,7 +40,7 @@ class Made:
     parameters: Mapping[str, float]
     rates: Callable[[Mapping[str, Node]], Sequence[Node]]
     outputs: Callable[[Mapping[str, Node]], Mapping[str, Node]] = lambda v: {}
-    inputs: Mapping[str, Callable[[Mapping[str, Node]], Node] | Table] | None = None
+    inputs: Mapping[str, Callable[[Mapping[str, Node]], Node] | LinearTable] | None = None
 
     def equations(self, sensitivities: Sequence[str] = ()) -> Equations:
         return _equations(self, sensitivities)[0]
@@ -75,7 +75,7 @@ def _equations(made: Made, wanted: Sequence[str]) -> tuple[Equations, tuple[Deri
     t = dag.symbol("t", 0)
     known = {**x, **p, **u, "t": t}
     input_values = [
-        table(dag, value, t)[0] if isinstance(value, Table) else value({**p, "t": t})
+        table(dag, value, t)[0] if isinstance(value, LinearTable) else value({**p, "t": t})
         for value in inputs.values()
     ]
     rates = list(made.rates(known))

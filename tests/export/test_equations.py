@@ -12,7 +12,7 @@ import sympy
 
 from cotree import Scene
 from cotree.dag.evaluate import evaluate
-from cotree.dag.lookup import Table
+from cotree.dag.lookup import LinearTable
 from cotree.dag.multi_output import Function, call, solve, table
 from cotree.dag.nodes import Dag
 from cotree.export.spelling import short_names
@@ -286,7 +286,7 @@ def test_long_programs_need_no_recursion():
 def test_nodes_with_several_results_become_named_functions():
     dag = Dag()
     x, a = dag.symbol("x", 0), sympy.Symbol("a", real=True)
-    first, second = Table((0.0, 1.0), (0.0, 2.0)), Table((0.0, 1.0), (1.0, 0.0))
+    first, second = LinearTable((0.0, 1.0), (0.0, 2.0)), LinearTable((0.0, 1.0), (1.0, 0.0))
     law = Function("tyre", 2, lambda values: [values[0], 0.0])
     nodes = [*table(dag, first, x), table(dag, second, x)[0], *call(dag, law, [x])]
     nodes += solve(dag, [[x]], [dag.one])

@@ -25,7 +25,7 @@ from cotree.codegen.ir import (
     ConstantTable,
     LeaveUnless,
     Loop,
-    Report,
+    SetStatus,
     changed,
     declared_by,
     element,
@@ -394,7 +394,7 @@ class _BlockCutter:
 
     def _own(self, row: Statement) -> list[Statement]:
         """Replace declarations of shared arrays by assignments, and the status by its pointer."""
-        if isinstance(row, Report):
+        if isinstance(row, SetStatus):
             return [replace(row, status=_BY_POINTER)]
         if isinstance(row, Array) and row.name in self._shared:
             return [Assign((element(row.name, i),), v) for i, v in enumerate(row.values)]

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import CExpression, Statement
     from cotree.codegen.maps import MapContext
     from cotree.codegen.targets import Target
-    from cotree.dag.lookup import LookupData, Table
+    from cotree.dag.lookup import LinearTable, LookupData
     from cotree.dag.nodes import Node
     from cotree.program.layout import Layout
     from cotree.program.program import Kernel, Program
@@ -102,13 +102,15 @@ class KernelFile:
         return sum(n for body in self.bodies for n in body.written)
 
 
-def _written_table(table: Table | LookupData, name: str, target: Target) -> Iterator[Constants]:
+def _written_table(
+    table: LinearTable | LookupData, name: str, target: Target
+) -> Iterator[Constants]:
     """Yield the arguments and the values of a table, each as a table of constants."""
     for axis, values in table.arrays.items():
         yield constants(target.scalar, f"{name}_{axis}", map(target.literal, values))
 
 
-def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:
+def name_tables(nodes: Iterable[Node]) -> dict[LinearTable | LookupData, str]:
     """Return a C name for each table in ``nodes``."""
     tables = dict.fromkeys(node.data for node in nodes if node.op in ("table", "lookup"))
     return {table: f"table{i}" for i, table in enumerate(tables)}

@@ -327,7 +327,7 @@ class LeaveUnless(Simple):
 
 
 @dataclass(frozen=True, slots=True)
-class Report(Simple):
+class SetStatus(Simple):
     """Assignment of ``code`` to the function's status if ``condition`` holds."""
 
     parts = ("condition", "status")

@@ -14,7 +14,7 @@ from cotree.codegen.ir import (
     Assign,
     Call,
     Comment,
-    Report,
+    SetStatus,
     apply,
     call,
     element,
@@ -351,7 +351,7 @@ class _StatementWriter:
             *scaling,
             Call(call(f"cotree_substitute{own}", whole(n), *read)),
             *scaling,
-            Report(apply("not", accepted), "COTREE_SINGULAR"),
+            SetStatus(apply("not", accepted), "COTREE_SINGULAR"),
         ]
         self.uses_status = True
 
@@ -395,7 +395,7 @@ class _StatementWriter:
         self.statements += [
             Array(f"a{at}", len(args), values=args, is_constant=True),
             Array(f"v{at}", node.data.n_results),
-            Report(apply("fails", called), "COTREE_FAILED_CALL"),
+            SetStatus(apply("fails", called), "COTREE_FAILED_CALL"),
         ]
         self.uses_status = True
 

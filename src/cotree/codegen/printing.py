@@ -18,7 +18,7 @@ from cotree.codegen.ir import (
     ConstantTable,
     LeaveUnless,
     Loop,
-    Report,
+    SetStatus,
     Simple,
     TableEntry,
     When,
@@ -173,7 +173,7 @@ class _Printer:
             value, number = map(self.expression, row.expressions)
             # "!" makes nan leave the function too
             return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
-        if isinstance(row, Report):
+        if isinstance(row, SetStatus):
             return (
                 f"if ({self.expression(row.condition)}) {self.expression(row.status)} = {row.code};"
             )

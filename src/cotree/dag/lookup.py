@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Table:
+class LinearTable:
     """A piecewise linear function that is constant outside its range."""
 
     x: tuple[float, ...]  # ascending arguments, at least two
@@ -109,7 +109,7 @@ class PlaneTable:
 
 
 @dataclass(frozen=True)
-class HeldTable(Table):
+class HeldTable(LinearTable):
     """A piecewise linear function whose interval can be frozen during a step.
 
     Arguments: the argument of the table, and the number of the frozen interval; zero means that the

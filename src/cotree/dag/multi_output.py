@@ -40,7 +40,7 @@ from cotree.dag.operations import OPERATIONS
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterable, Sequence
 
-    from cotree.dag.lookup import Table
+    from cotree.dag.lookup import LinearTable
 
 
 #: Operations in maps; divisions by shared values are converted to products.
@@ -394,7 +394,7 @@ def _solve_regular(data: SolveShape, points: Any, found: Any) -> Any:
     return np.flatnonzero(is_finite & ~is_regular)
 
 
-def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
+def _evaluate_table(table: LinearTable, values: Sequence[Any]) -> Sequence[Any]:
     x = values[0]
     place = complex(x).real
     if place <= table.x[0]:
@@ -447,7 +447,7 @@ def is_symmetric(node: Node) -> bool:
     return all(node.args[i * n + j] is node.args[j * n + i] for i in range(n) for j in range(i))
 
 
-def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
+def table(dag: Dag, data: LinearTable, x: Node) -> tuple[Node, Node]:
     """Form the value and the slope of a table at ``x``."""
     if x.value is not None:
         value, slope = map(dag.constant, _evaluate_table(data, [x.value]))

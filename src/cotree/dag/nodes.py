@@ -555,7 +555,7 @@ class _Writer(pickle.Pickler):
         return -1 if value.__class__ is Dag else None
 
 
-class _Reader(pickle.Unpickler):
+class _NodeUnpickler(pickle.Unpickler):
     """Unpickler that creates nodes without content, which their rows then fill."""
 
     def __init__(self, file: io.BytesIO) -> None:
@@ -597,7 +597,7 @@ def pickled_graph(value: Any, dag: Dag) -> bytes:
 
 def unpickled_graph(data: bytes) -> Any:
     """Return the value of :func:`pickled_graph`; its nodes belong to a new graph."""
-    reader = _Reader(io.BytesIO(data))
+    reader = _NodeUnpickler(io.BytesIO(data))
     value, dag = reader.load(), reader.dag
     while (rows := reader.load()) is not None:
         for index, op, args, number, section, own in rows:

@@ -14,7 +14,7 @@ from functools import partial, reduce
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from cotree.dag.lookup import HeldTable, Table
+from cotree.dag.lookup import HeldTable, LinearTable
 from cotree.dag.nodes import reachable
 
 if TYPE_CHECKING:
@@ -33,8 +33,8 @@ _INCREASING = frozenset({"exp", "sinh", "tanh", "atan", "erf", "sign", "floor"})
 def is_ranged(node: Node) -> bool:
     """Return whether a node's range can be computed from the ranges of its arguments."""
     if node.op == "result":
-        return isinstance(node.args[0].data, Table)
-    return node.op in _RULES or isinstance(node.data, Table)
+        return isinstance(node.args[0].data, LinearTable)
+    return node.op in _RULES or isinstance(node.data, LinearTable)
 
 
 def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
@@ -50,7 +50,7 @@ def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
             continue
         if node.op == "result":
             found[node] = _of_table(node, found[node.args[0]])
-        elif isinstance(node.data, Table):
+        elif isinstance(node.data, LinearTable):
             found[node] = found[node.args[0]]  # its results have the same range
         else:
             found[node] = _RULES[node.op](node, [found.get(arg, (arg, arg)) for arg in node.args])
@@ -172,7 +172,7 @@ def _of_sum(node: Node, given: Sequence[Range]) -> Range:
 def _of_table(node: Node, given: Range) -> Range:
     """Return the range of a piecewise linear table's result; ``given`` is the argument's range."""
     held, dag = node.args[0], node.dag
-    data: Table = held.data
+    data: LinearTable = held.data
     place: int = node.data
     slopes = [
         (y1 - y0) / (x1 - x0)

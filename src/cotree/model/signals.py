@@ -14,7 +14,7 @@ from cotree.scene.expressions import Expression, check_number
 from cotree.scene.fields import parse_signal
 
 if TYPE_CHECKING:
-    from cotree.dag.lookup import Table
+    from cotree.dag.lookup import LinearTable
     from cotree.model.arrays import Array
 
 Signal = Callable[[float], float]
@@ -147,6 +147,6 @@ def _constant(value: float) -> Signal:
     return lambda t: value
 
 
-def _function_of_time(value: Table) -> Signal:
+def _function_of_time(value: LinearTable) -> Signal:
     x, y = np.array(value.x), np.array(value.y)
     return lambda t: float(np.interp(t, x, y))

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.continuity import agree_at
 from cotree.dag.derivative import SINGULAR, Clips, Tangents, is_singular, tangent
-from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable, Table
+from cotree.dag.lookup import HeldPlane, HeldTable, LinearTable, PlaneTable
 from cotree.dag.multi_output import SEVERAL
 from cotree.dag.nodes import (
     INPUT,
@@ -503,7 +503,7 @@ def _is_timed(node: Node) -> bool:
 
 
 def _is_table(node: Node) -> bool:
-    return type(node.data) in (Table, PlaneTable)  # without tables that are already frozen
+    return type(node.data) in (LinearTable, PlaneTable)  # without tables that are already frozen
 
 
 def _axes(node: Node) -> tuple[tuple[float, ...], ...]:

@@ -21,7 +21,7 @@ from cotree.scene.expressions import Expression, FieldValue, check_number, parse
 from cotree.units import Unit, check_fits, check_unit
 
 if TYPE_CHECKING:
-    from cotree.dag.lookup import Table
+    from cotree.dag.lookup import LinearTable
 
 
 def edge_statement(
@@ -205,7 +205,7 @@ def _rows(value: Sequence[Any], where: str) -> tuple[tuple[Expression, ...], ...
     return tuple(check_vector(row, f"row {i} of {where}") for i, row in enumerate(value, 1))
 
 
-def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
+def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | LinearTable:
     """Return a checked number or expression, or the table of a pair (times, values)."""
     # An array without axes counts as a number; NumPy strings also have no axes.
     is_scalar = getattr(value, "shape", None) == () and not isinstance(value, str)
@@ -248,7 +248,7 @@ class Input:
     """
 
     name: str
-    value: Expression | Table
+    value: Expression | LinearTable
     unit: str = ""
     doc: str = ""
     given: tuple[Any, str] | None = None  # stated value and unit if the unit is not an SI unit

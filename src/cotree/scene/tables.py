@@ -12,7 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.dag.lookup import Table
+from cotree.dag.lookup import LinearTable
 from cotree.errors import SceneError, brief, check_known, nearest
 from cotree.files import is_number, read_rows
 from cotree.naming import RESERVED, check_name, check_text
@@ -81,7 +81,7 @@ class LookupTable:
             return look_up(dag, PlaneTable(self.x, self.y, z), args)
         at = args[0]
         if self.interpolation == "linear":
-            inside = table(dag, Table(self.x, z), at)[0]
+            inside = table(dag, LinearTable(self.x, z), at)[0]
             ends = [(z[i + 1] - z[i]) / (self.x[i + 1] - self.x[i]) for i in (0, len(z) - 2)]
         else:
             slopes = _monotone_slopes(self.x, z)
@@ -228,12 +228,12 @@ def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
     return Expression(f"table({of.text})", where, tree, names_in(tree))
 
 
-def make_table(value: object, where: str, argument: str) -> Table:
+def make_table(value: object, where: str, argument: str) -> LinearTable:
     """Create a table over one argument from a checked pair of arguments and values."""
     try:
         # The value may be any object; if it is not a pair, one error message covers all cases.
         x, y = cast("Any", value)
-        made = Table(tuple(float(item) for item in x), tuple(float(item) for item in y))
+        made = LinearTable(tuple(float(item) for item in x), tuple(float(item) for item in y))
     except (TypeError, ValueError, OverflowError):
         raise SceneError(
             f"{where} must be a number, an expression in quotes, or {argument} and values with as "

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cotree.dag.lookup import Table
+from cotree.dag.lookup import LinearTable
 from cotree.errors import ModelError, SceneError
 from cotree.files import atomic_write, read_text
 from cotree.scene.description import TABLES, SceneDescription, origin_table
@@ -195,11 +195,11 @@ def _lookup(table: LookupTable) -> dict[str, object]:
     return found | {k: getattr(table, k) for k, v in usual.items() if getattr(table, k) != v}
 
 
-def _named(row: Any, value: Expression | Table | float) -> object:
+def _named(row: Any, value: Expression | LinearTable | float) -> object:
     """Return the value of a parameter, input or mode, or a table if there are other entries."""
     more = {key: getattr(row, key, "") for key in ("unit", "doc")}
     stated: object = value.canonical if isinstance(value, Expression) else value
-    if isinstance(value, Table):
+    if isinstance(value, LinearTable):
         stated = [list(value.x), list(value.y)]
     if (given := getattr(row, "given", None)) is not None:
         stated, more["unit"] = given  # the file contains the value as the user stated it

@@ -152,7 +152,7 @@ class _Run:
             limit = IntegrationStopError(FAILED, "the integrator cannot start")
         if limit is not None:
             raise limit
-        segment = _Segment(self, start, end)
+        segment = _ScipySegment(self, start, end)
         wanted = self._wanted(start, end)
         # SciPy requires distinct ascending times. Without requested times, this class stores steps.
         way = self.problem.direction
@@ -214,7 +214,7 @@ class _Run:
             self._store(self.t, self.z)
 
 
-class _Segment:
+class _ScipySegment:
     """Functions for ``solve_ivp`` between two breakpoints; the object is also an event function.
 
     The time s begins at zero in each segment, because the rounding of a large t would disturb each

@@ -421,8 +421,8 @@ class Triggered:
     """An event, with the expressions that cross zero when it occurs, in a run and at its start."""
 
     event: SbmlEvent
-    crossing: Crossing
-    at_start: Crossing
+    crossing: ZeroCrossing
+    at_start: ZeroCrossing
 
 
 class Dependencies:
@@ -550,7 +550,7 @@ def check_coincidences(
 
 
 @dataclass(frozen=True)
-class Crossing:
+class ZeroCrossing:
     """An expression that crosses zero when a condition becomes true."""
 
     text: str  # expression whose zero crossing is the event
@@ -558,7 +558,7 @@ class Crossing:
     holds_at_zero: bool  # whether the condition is true where the expression is zero
 
 
-def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
+def crossing_of(reader: FormulaReader, node: Any) -> ZeroCrossing:
     """Convert a condition to an expression that crosses zero when it becomes true."""
     relation = kind_of(node).removeprefix("RELATIONAL_")
     if relation in (*RELATIONS, "EQ") and node.getNumChildren() == 2:
@@ -568,17 +568,17 @@ def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
         # Two continuous values become equal when their difference crosses zero.
         is_either = relation == "EQ"
         text = reader.make.form("a - b", a, b).text
-        return Crossing(text, 0 if is_either else 1, relation in ("LEQ", "GEQ", "EQ"))
+        return ZeroCrossing(text, 0 if is_either else 1, relation in ("LEQ", "GEQ", "EQ"))
     made = reader.make.form("where(a, 1, -1)", reader.condition(node))
-    return Crossing(made.text, 1, holds_at_zero=False)
+    return ZeroCrossing(made.text, 1, holds_at_zero=False)
 
 
-def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> float:
+def start_value(scene: SceneDescription, event: SbmlEvent, begin: ZeroCrossing) -> float:
     """Return the value of a trigger's expression at the start."""
     return _at_start(scene, event, begin)[0]
 
 
-def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
+def check_start(scene: SceneDescription, event: SbmlEvent, begin: ZeroCrossing) -> None:
     """Raise an error for an event that a run would handle incorrectly at the start."""
     value, is_known = _at_start(scene, event, begin)
     # The event occurs at the start if its function is zero and rises; this is known only for times.
@@ -592,7 +592,7 @@ def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> N
         )
 
 
-def _at_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> tuple[float, bool]:
+def _at_start(scene: SceneDescription, event: SbmlEvent, begin: ZeroCrossing) -> tuple[float, bool]:
     """Return a trigger's value at the start, and whether it contains no parameters."""
     rows = dict(scene.parameters)
     with located(event.trigger.at):
