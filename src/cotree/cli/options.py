@@ -14,7 +14,7 @@ import typer
 
 from cotree.errors import ParameterError, SceneError, TopologyError, brief
 from cotree.files import check_parent
-from cotree.scene.settings import ROWS, Row, Settings
+from cotree.scene.settings import ROWS, SettingRow, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -206,7 +206,7 @@ def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
     return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
-def _parameter(name: str, row: Row, help_: float | str | None) -> inspect.Parameter:
+def _parameter(name: str, row: SettingRow, help_: float | str | None) -> inspect.Parameter:
     """Return the command-line option for a setting."""
     text, value = row.option, getattr(Settings, name, None)
     if isinstance(help_, str):

@@ -99,7 +99,7 @@ class _Couple:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Choice:
     cost: int
     fixed: Mapping[str, bool]
     branches: frozenset[str]
@@ -165,7 +165,7 @@ class CoupledTrees:
         # Entries are cost, number of violated couplings, a counter that orders equal entries, and
         # the choice. Choices are examined by ascending cost. Ignoring couplings can only lower the
         # cost, so the first choice that satisfies all of them is optimal.
-        waiting: list[tuple[int, int, int, _Found]] = []
+        waiting: list[tuple[int, int, int, _Choice]] = []
         made = [best] if best is not None else []
         while made or waiting:
             for found in made:
@@ -189,13 +189,13 @@ class CoupledTrees:
             "resistance or a storage"
         )
 
-    def _broken(self, found: _Found) -> list[_Couple]:
+    def _broken(self, found: _Choice) -> list[_Couple]:
         """Return the couplings whose conditions a choice violates."""
         return [couple for couple in self.couples if not couple.is_kept(found.branches)]
 
-    def _either_way(self, best: _Found, broken: Sequence[_Couple]) -> list[_Found]:
+    def _either_way(self, best: _Choice, broken: Sequence[_Couple]) -> list[_Choice]:
         """Return the best choices for each option of one of the violated couplings."""
-        made: list[list[_Found]] = []
+        made: list[list[_Choice]] = []
         for couple in broken:
             tried = [
                 self._relaxed({**best.fixed, **dict(zip(couple.ports, row, strict=True))})
@@ -230,7 +230,7 @@ class CoupledTrees:
                     found.setdefault(port.name, [port.name]).append(name)
         return found
 
-    def _relaxed(self, fixed: Mapping[str, bool]) -> _Found | None:
+    def _relaxed(self, fixed: Mapping[str, bool]) -> _Choice | None:
         """Select branches with ``fixed`` choices for some couplings; return None if impossible.
 
         Conditions of all other transformers are satisfied if possible; those of gyrators are
@@ -277,7 +277,7 @@ class CoupledTrees:
         if any(found.isdisjoint(names) for names in must):
             return None
         cost = sum(self.costs[name] for name in (*found, *chosen))
-        return _Found(cost, fixed, frozenset({*found, *branches}))
+        return _Choice(cost, fixed, frozenset({*found, *branches}))
 
     def _open(
         self, across: Contracted, known: Collection[str], must: Sequence[Collection[str]]

@@ -168,7 +168,7 @@ def _joint_fields(edge: Edge) -> set[str]:
 
 
 @dataclass
-class Rows:
+class PartRows:
     """Declarations that parts add to the outer scene, by table and name."""
 
     #: One mapping for each table of a scene.

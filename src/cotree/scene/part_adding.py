@@ -17,7 +17,7 @@ from cotree.naming import RESERVED, check_name, check_path
 from cotree.scene.description import LARGEST_SCENE, TABLES
 from cotree.scene.expressions import table_scope
 from cotree.scene.parameters import check_cycle
-from cotree.scene.part import Part, Renaming, Rows, in_name, in_value, owner_of
+from cotree.scene.part import Part, PartRows, Renaming, in_name, in_value, owner_of
 
 if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
@@ -322,8 +322,8 @@ def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
     own.update(kept)
 
 
-def _rows_of(scene: SceneDescription, part: Part) -> Rows:
-    rows = Rows()
+def _rows_of(scene: SceneDescription, part: Part) -> PartRows:
+    rows = PartRows()
     for member, index in part.members():
         what = f"part '{member}'"
         try:
@@ -350,7 +350,7 @@ def _rows_of(scene: SceneDescription, part: Part) -> Rows:
     return rows
 
 
-def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
+def _bind(rows: PartRows, name: str, value: Any, scene: SceneDescription) -> None:
     if name in rows.parameters:
         rows.bind_parameter(name, value)
     elif name in rows.inputs or name in rows.outputs:
@@ -370,7 +370,7 @@ def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") 
     part, value = found[0], plain(value)
     given = {"value": value, "unit": unit} if unit else value
     changed = replace(part, set={**part.set, name: given})
-    rows = Rows(
+    rows = PartRows(
         parameters={k: scene.parameters[k] for k in (name,) if k in scene.parameters},
         inputs={k: scene.inputs[k] for k in (name,) if k in scene.inputs},
     )

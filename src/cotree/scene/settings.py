@@ -53,7 +53,7 @@ class SettingsDict(OtherSettings, total=False):
     atol: float | None
 
 
-class Row(NamedTuple):
+class SettingRow(NamedTuple):
     """Documentation, check and command-line option of a setting."""
 
     doc: str  # documentation of the setting
@@ -67,7 +67,7 @@ class Row(NamedTuple):
 
 
 def _setting(default: Any, doc: str, check: Callable[[Any, str], Any], **more: Any) -> Any:
-    about = {"row": Row(doc, check, **more)}
+    about = {"row": SettingRow(doc, check, **more)}
     if isinstance(default, dict):
         return field(default_factory=dict, metadata=about)
     return field(default=default, metadata=about)
@@ -348,7 +348,7 @@ def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
 
 
 #: Documentation, check and option of each setting, by its name.
-ROWS: Mapping[str, Row] = {item.name: item.metadata["row"] for item in fields(Settings)}
+ROWS: Mapping[str, SettingRow] = {item.name: item.metadata["row"] for item in fields(Settings)}
 
 #: Settings that all studies accept: method, tolerances, budgets and others.
 SHARED = ("method", "rtol", "atol", *OtherSettings.__annotations__)
