@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Rates:
+class RateFunction:
     """The function (x, u, p) -> dx/dt at one time."""
 
     model: CompiledModel
@@ -108,7 +108,7 @@ class Rates:
 
 def rates_of(
     model: CompiledModel, linearizer: Callable[[], Linearizer], t: float | None, bridge: str
-) -> Rates:
+) -> RateFunction:
     """Return the rates as a function, or raise ParameterError with the name of ``bridge``."""
     layout = model.layout
     if layout.n_algebraic or layout.constraints:
@@ -122,10 +122,10 @@ def rates_of(
             f"the rates of '{layout.name}' depend on time: pass a time, such as {bridge}(t=0.0)"
         )
     names = tuple(name for name in model.sensitivities if name in model.parameters)
-    return Rates(model, linearizer, 0.0 if t is None else t, names)
+    return RateFunction(model, linearizer, 0.0 if t is None else t, names)
 
 
-def casadi_function(rates: Rates) -> Any:
+def casadi_function(rates: RateFunction) -> Any:
     """Return a ``casadi.Callback`` with arguments x, u and p, and result dx."""
     try:
         casadi: Any = import_module("casadi")
@@ -217,7 +217,7 @@ def _flat(value: Any) -> Any:
 _INLINE = 96_000
 
 
-def jax_function(rates: Rates) -> Any:
+def jax_function(rates: RateFunction) -> Any:
     """Return a JAX function of x, u and p that supports ``jit``, ``vmap`` and first derivatives."""
     try:
         jax: Any = import_module("jax")
@@ -317,7 +317,7 @@ def _with_axes(jax: Any, lead: tuple[int, ...], shapes: Any) -> Any:
     return jax.tree.map(lambda row: jax.ShapeDtypeStruct((*lead, *row.shape), row.dtype), shapes)
 
 
-def _checked(rates: Rates, convert: Callable[[Any], Any], *arguments: Any) -> list[Any]:
+def _checked(rates: RateFunction, convert: Callable[[Any], Any], *arguments: Any) -> list[Any]:
     """Convert the arguments x, u and p to arrays; raise ParameterError if a length is wrong."""
     found = []
     for name, n, value in zip("xup", rates.sizes, arguments, strict=True):
@@ -328,7 +328,7 @@ def _checked(rates: Rates, convert: Callable[[Any], Any], *arguments: Any) -> li
     return found
 
 
-def torch_function(rates: Rates) -> Any:
+def torch_function(rates: RateFunction) -> Any:
     """Return a PyTorch function of x, u and p for ``backward``, ``vmap`` and first derivatives."""
     try:
         torch: Any = import_module("torch")

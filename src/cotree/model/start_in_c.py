@@ -201,7 +201,7 @@ class StartCall(CObjects):
             if at.model.layout.n_algebraic:
                 c.helper = self.search().helper
             if status in _CONTRADICTIONS:
-                report = Report(at, self.places, self)
+                report = Violations(at, self.places, self)
             status = self._run()
         y, s = self._found()
         if report is not None and status in _CONTRADICTIONS:
@@ -312,7 +312,7 @@ _MOST_NAMED = 6
 _LEVELS = ("positions", "velocities")
 
 
-class Report:
+class Violations:
     """Messages on prescribed values, at ``places`` in the run's order, that violate constraints."""
 
     def __init__(self, at: BoundModel, places: npt.NDArray[np.intc], call: StartCall) -> None:

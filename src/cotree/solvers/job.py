@@ -109,7 +109,7 @@ class Rescue:
 _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 
 
-class Rows:
+class StoredRows:
     """Stored points of a job, one per row; the first ``job.n_kept`` rows are valid."""
 
     def __init__(self, ffi: Any, job: Any, problem: Problem) -> None:
@@ -325,7 +325,7 @@ class Job:
             self._at_once = len(problem.events.event_rows) + LIMITS.event_rounds
         # Copy of the structure, mainly pointers, to which each run resets it.
         self._blank = self._ffi.new("cotree_job *", c[0])
-        self.rows = Rows(self._ffi, c, problem)
+        self.rows = StoredRows(self._ffi, c, problem)
         # Bytes of the values from which the tolerances of the last run were computed.
         self._sizes: list[bytes | None] = []
         self._times: FloatArray = np.zeros(0)

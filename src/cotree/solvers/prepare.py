@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from cotree.model.start import Start
     from cotree.sharing import RecentCache
     from cotree.solvers.result import FloatArray
-    from cotree.solvers.sampling import Samples
+    from cotree.solvers.sampling import InputSamples
 
     Inputs = Callable[[float], FloatArray | None]
 
@@ -184,7 +184,7 @@ class Preparation:
         initial = check_mapping(initial, "initial") if initial else {}
         p = model.parameter_array(parameters)
         signals = self._signals
-        samples: list[Samples] = []
+        samples: list[InputSamples] = []
         if signals.sampled:
             from cotree.solvers.sampling import reaching, with_samples
 

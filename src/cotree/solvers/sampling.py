@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Inputs = Callable[[float], FloatArray | None]
 
 
-class Measured(Mapping[str, float]):
+class Sampleable(Mapping[str, float]):
     """Mapping from names to the states and outputs that a sampled function receives."""
 
     def __init__(self, y: FloatArray, model: CompiledModel, outputs: Callable[[], FloatArray]):
@@ -47,7 +47,7 @@ class Measured(Mapping[str, float]):
         return len(self._model.states) + len(self._model.outputs)
 
 
-class Samples:
+class InputSamples:
     """The samples of one input in a run; each is computed once, so that repeated steps agree.
 
     ``held``, shape (1,), contains the current sample, which C reads.
@@ -75,7 +75,7 @@ class Samples:
         place = max(bisect_left(self.times, t) - 1, 0)
         return self._values[min(place, len(self._values) - 1)] if self._values else self._before
 
-    def reach(self, t: float, measured: Measured) -> None:
+    def reach(self, t: float, measured: Sampleable) -> None:
         """Take the sample that is due at time t, if any, and update ``held``."""
         rounding = SAME * abs(t)
         if len(self._values) < len(self.times) and self.times[len(self._values)] <= t + rounding:
@@ -86,14 +86,14 @@ class Samples:
 
 
 def reaching(
-    model: CompiledModel, p: FloatArray, samples: Sequence[Samples], u: Inputs
+    model: CompiledModel, p: FloatArray, samples: Sequence[InputSamples], u: Inputs
 ) -> Callable[[float, FloatArray], None]:
     """Return a function of time and states that takes the samples due at this time."""
     n = len(model.states)
 
     def reach(t: float, z: FloatArray) -> None:
         y = np.array(z[:n])
-        measured = Measured(y, model, lambda: model.output_values(t, y, p, u(t)))
+        measured = Sampleable(y, model, lambda: model.output_values(t, y, p, u(t)))
         for item in samples:
             item.reach(t, measured)
 
@@ -102,7 +102,7 @@ def reaching(
 
 def with_samples(
     model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
-) -> tuple[ReplacedInputs, list[Samples]]:
+) -> tuple[ReplacedInputs, list[InputSamples]]:
     """Replace sampled inputs by constants that change at the sample times."""
     before, samples = model.input_values(span[0], p), {}
     for place, row in signals.sampled.items():
@@ -112,7 +112,7 @@ def with_samples(
                 f"input '{name}' is sampled from states by a function of Python, whose derivatives "
                 "are unknown: give an expression, or compile without sensitivities"
             )
-        samples[place] = Samples(row, name, span, float(before[place]))
+        samples[place] = InputSamples(row, name, span, float(before[place]))
     times = [t for item in samples.values() for t in item.times]
     # A table with one point is a constant, here the last sample.
     held = {place: (np.zeros(1), item.held) for place, item in samples.items()}
