@@ -1,7 +1,7 @@
 """Parts of a scene: other scenes within it, single or as an array.
 
 A part expands to the declarations of its scene, whose names begin with the part's name, such as
-``leg1.knee``; the outer scene stores them in its own tables (`Rows`). In arrays, node names may
+``leg1.knee``; the outer scene stores them in its own tables (`PartRows`). In arrays, node names may
 contain the index in braces, ``n{i - 1}``; expressions contain it directly: ``R0*(1 + 0.1*i)``.
 """
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Inputs = Callable[[float], FloatArray | None]
 
 
-class Sampleable(Mapping[str, float]):
+class MeasuredValues(Mapping[str, float]):
     """Mapping from names to the states and outputs that a sampled function receives."""
 
     def __init__(self, y: FloatArray, model: CompiledModel, outputs: Callable[[], FloatArray]):
@@ -75,7 +75,7 @@ class InputSamples:
         place = max(bisect_left(self.times, t) - 1, 0)
         return self._values[min(place, len(self._values) - 1)] if self._values else self._before
 
-    def reach(self, t: float, measured: Sampleable) -> None:
+    def reach(self, t: float, measured: MeasuredValues) -> None:
         """Take the sample that is due at time t, if any, and update ``held``."""
         rounding = SAME * abs(t)
         if len(self._values) < len(self.times) and self.times[len(self._values)] <= t + rounding:
@@ -93,7 +93,7 @@ def reaching(
 
     def reach(t: float, z: FloatArray) -> None:
         y = np.array(z[:n])
-        measured = Sampleable(y, model, lambda: model.output_values(t, y, p, u(t)))
+        measured = MeasuredValues(y, model, lambda: model.output_values(t, y, p, u(t)))
         for item in samples:
             item.reach(t, measured)
 
