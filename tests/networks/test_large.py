@@ -131,10 +131,10 @@ def test_the_fastest_decay_of_a_sparse_jacobian():
     from scipy.sparse import csc_matrix
 
     from cotree import Settings
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
 
     matrix = csc_matrix(rc_ladder_matrix(N))
-    problem = Problem(
+    problem = RunProblem(
         rhs=lambda t, y: matrix @ y,
         jacobian=None,
         n_states=N,

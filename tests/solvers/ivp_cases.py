@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.scene.settings import Settings
-from cotree.solvers.problem import Problem
+from cotree.solvers.problem import RunProblem
 
 if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
@@ -21,10 +21,10 @@ OF_SETTINGS = {"t_span", "t_eval", "rtol", "atol", "error_test_sensitivities"}
 OF_SETTINGS |= {"max_steps", "max_events", "time_limit"}
 
 
-def problem_of(fields: dict[str, Any]) -> Problem:
+def problem_of(fields: dict[str, Any]) -> RunProblem:
     """Build a problem of its fields and settings."""
     settings = Settings(**{name: fields[name] for name in fields if name in OF_SETTINGS})
-    return Problem(
+    return RunProblem(
         settings=settings, **{name: fields[name] for name in fields if name not in OF_SETTINGS}
     )
 
@@ -42,7 +42,7 @@ def oscillator_jacobian(t: float, y: FloatArray) -> FloatArray:
     return np.array([[0.0, 1.0], [-STIFFNESS, -DAMPING]])
 
 
-def oscillator(t_eval: FloatArray | None = None, **changes: object) -> Problem:
+def oscillator(t_eval: FloatArray | None = None, **changes: object) -> RunProblem:
     fields: dict[str, object] = {
         "rhs": oscillator_rhs,
         "jacobian": oscillator_jacobian,
@@ -75,7 +75,7 @@ def oscillator_exact(t: FloatArray) -> FloatArray:
     return np.concatenate([state, by_k, by_c])
 
 
-def scalar(f, jacobian=None, z0=1.0, **changes: object) -> Problem:
+def scalar(f, jacobian=None, z0=1.0, **changes: object) -> RunProblem:
     """One state 'x' with x' = f(t, x)."""
     fields: dict[str, object] = {
         "rhs": lambda t, z: np.array([f(t, z[0])]),
@@ -106,7 +106,7 @@ def robertson_jacobian(t: float, y: FloatArray) -> FloatArray:
     return np.array([first, -first - last, last])
 
 
-def robertson(t_end: float, **changes: object) -> Problem:
+def robertson(t_end: float, **changes: object) -> RunProblem:
     fields: dict[str, object] = {
         "rhs": robertson_rhs,
         "jacobian": robertson_jacobian,
@@ -122,7 +122,7 @@ def robertson(t_end: float, **changes: object) -> Problem:
     return problem_of(fields | changes)
 
 
-def shared_buffer(problem: Problem):
+def shared_buffer(problem: RunProblem):
     """The problem's right-hand side as a compiled model offers it: one buffer for all calls."""
     buffer = np.empty(problem.size)
 

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.model.bound import BoundModel
     from cotree.solvers.job import Job
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
 
 
 # Outcomes of members in C, as in cotree_batch.h.
@@ -114,7 +114,7 @@ class BlockInC(CObjects):
         if self.results.status[member] == 0:
             self.results.messages[member] = note
 
-    def check(self, member: int, problem: Problem) -> None:
+    def check(self, member: int, problem: RunProblem) -> None:
         """Repeat a finished member as a single run if such a run would report a failure.
 
         Its steps may be smaller than the resolution of time, or its constraints may have drifted.
@@ -158,7 +158,7 @@ class BlockInC(CObjects):
         return prepared(plan.model, plan.settings).bound(p)
 
     def _is_consistent(
-        self, problem: Problem, run: Trajectory, constraints: Callable[[], BoundModel | None]
+        self, problem: RunProblem, run: Trajectory, constraints: Callable[[], BoundModel | None]
     ) -> bool:
         """Return whether a run succeeded without constraint drift."""
         # If constraints are redundant, reactions are not unique and have no sensitivities.
@@ -269,7 +269,7 @@ class Worker:
         self._ffi, self._pattern = members.library.ffi, members.pattern
         self._kept: dict[str, Any] = {}
         # The member prepared last, with its problem; the job that all prepared members use.
-        self._prepared: tuple[int, Problem] | None = None
+        self._prepared: tuple[int, RunProblem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model
         assert problem.settings.t_eval is not None  # settings of a plan always contain ``t_eval``
@@ -378,7 +378,7 @@ class Worker:
         size = self._pattern.problem.size
         return np.frombuffer(self._ffi.buffer(self._worker.job.z, 8 * size)).copy()
 
-    def _problem_in_work(self, member: int) -> Problem:
+    def _problem_in_work(self, member: int) -> RunProblem:
         return self._prepared[1] if self._prepared is not None else self._problem(member)
 
     def _run_stiff(self, member: int) -> bool:
@@ -401,7 +401,7 @@ class Worker:
             return True
         return False
 
-    def _problem(self, member: int) -> Problem:
+    def _problem(self, member: int) -> RunProblem:
         plan, row = self._pattern.plan, self._members.rows[member].tolist()
         own = settings_of(plan.model, plan.settings, plan.columns, row)
         return problem_of(plan, own.parameters, own.initial)

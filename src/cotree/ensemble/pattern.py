@@ -40,7 +40,7 @@ from cotree.solvers.native import (
     factors_of,
 )
 from cotree.solvers.prepare import prepared
-from cotree.solvers.problem import Problem, check_values, refusal, tested, turn_tolerances
+from cotree.solvers.problem import RunProblem, check_values, refusal, tested, turn_tolerances
 from cotree.solvers.select import choose_method
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Pattern:
     plan: Plan  # the plan, with the method already chosen
     row: Method
     engine: Engine
-    problem: Problem  # problem with the plan's own values for the columns that members set
+    problem: RunProblem  # problem with the plan's own values for the columns that members set
     newton: Newton | None  # sparse factorisation for implicit methods in C
     job: Job  # template for the jobs of members
     signals: ReplacedInputs  # inputs that replace those of the scene
@@ -71,7 +71,7 @@ class Pattern:
     is_timed: bool  # whether rates depend on time, so that rounding errors of time may matter
     is_watched: bool  # whether members found to be stiff are repeated with another method
 
-    def job_of(self, problem: Problem) -> Job:
+    def job_of(self, problem: RunProblem) -> Job:
         """Create the job of a member, which can be restarted for other members."""
         is_extended = bool(self.job.job.is_extended)
         return Job(self.engine, self.row, problem, self.newton, is_extended=is_extended)
@@ -101,14 +101,14 @@ def find_pattern(plan: Plan) -> Pattern | NotBatchable:
     return NotBatchable(plan, found) if isinstance(found, str) else found
 
 
-def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Problem:
+def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> RunProblem:
     """Return the problem of one run for the given parameters and initial values."""
     problem = prepared(plan.model, plan.settings).run(parameters, initial)
     check_values(problem)
     return problem
 
 
-def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> Pattern | str:
+def _pattern(plan: Plan, row: Method, problem: RunProblem, *, is_watched: bool) -> Pattern | str:
     """Return the pattern of a plan whose method is chosen, or the reason why there is none."""
     if not row.stepper:
         return f"'{row.name}' runs in Python"
@@ -145,7 +145,7 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
     )
 
 
-def _is_searched(plan: Plan, problem: Problem) -> bool:
+def _is_searched(plan: Plan, problem: RunProblem) -> bool:
     names = (*plan.columns, *plan.settings.initial)
     # Tolerances of storage contents depend on the initial state, which Python then computes.
     is_own = plan.model.begins_at_rest or plan.model.layout.followers or any(map(is_slope, names))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
 
 
 _NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?")
@@ -66,7 +66,7 @@ STEPS_SPENT, EVENTS_SPENT, TIME_SPENT = 7, 8, 9
 
 
 def budget_message(
-    problem: Problem, method: str, job: Any, ended: int, kept: FloatArray, last: FloatArray
+    problem: RunProblem, method: str, job: Any, ended: int, kept: FloatArray, last: FloatArray
 ) -> str:
     """Return a sentence on where a member exhausted its budget and which state grew."""
     settings = problem.settings

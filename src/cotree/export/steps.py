@@ -1,6 +1,6 @@
 """Printed steps from a linear graph to its equations: the paper's Eq. (1) to (9) with all terms.
 
-This module only prints: the trees define the topology, terms (:class:`PrintedTerm`) are nodes of the
+This module only prints: the trees define the topology, terms (`PrintedTerm`) are nodes of the
 formulation's arena, and terms of a sensitivity graph are their derivatives.
 """
 

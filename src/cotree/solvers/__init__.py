@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from cotree.model.bound import BoundModel
-from cotree.solvers.problem import Problem, check_problem
+from cotree.solvers.problem import RunProblem, check_problem
 from cotree.solvers.result import Drift, RunRecord, Statistics, Trajectory, UnknownNameError
 from cotree.solvers.select import choose_method, integrate
 
 __all__ = [
     "BoundModel",
     "Drift",
-    "Problem",
+    "RunProblem",
     "RunRecord",
     "Statistics",
     "Trajectory",

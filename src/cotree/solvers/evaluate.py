@@ -18,7 +18,7 @@ import numpy as np
 
 from cotree.errors import SingularSystemError, SolveError
 from cotree.solvers.budgets import time_spent
-from cotree.solvers.problem import DENSE_LIMIT, Problem, Tolerances, describe_entry
+from cotree.solvers.problem import DENSE_LIMIT, RunProblem, Tolerances, describe_entry
 from cotree.solvers.result import BUDGET_SPENT, FAILED
 from cotree.tolerances import SAME
 
@@ -74,7 +74,7 @@ def assemble_sparse(first: FloatArray, n_states: int) -> Any:
 
 
 def difference_columns(
-    problem: Problem, rhs: Callable[[FloatArray], FloatArray], z: FloatArray
+    problem: RunProblem, rhs: Callable[[FloatArray], FloatArray], z: FloatArray
 ) -> FloatArray:
     """Approximate the derivatives of z' with respect to the states by forward differences."""
     rtol, atol = augmented_tolerances(problem)
@@ -91,7 +91,7 @@ def difference_columns(
     return columns
 
 
-def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
+def augmented_tolerances(problem: RunProblem) -> tuple[float, FloatArray]:
     """Return the relative tolerance and the absolute ones, shape (..., len(problem.integrated))."""
     tolerances = Tolerances(problem)
     return tolerances.rtol_of(problem), tolerances.of(problem)
@@ -111,7 +111,7 @@ class Evaluator:
     ``not_finite`` names the first value that was not finite since the last accepted step.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: RunProblem) -> None:
         self.problem = problem
         self.nfev = 0
         self.njev = 0
@@ -174,7 +174,7 @@ class Evaluator:
         return checked
 
     def sparse_jacobian(self, t: float, z: FloatArray) -> Any:
-        """Return the state Jacobian in SciPy's CSC form; see :attr:`Problem.sparse_jacobian`."""
+        """Return the state Jacobian in SciPy's CSC form; see :attr:`RunProblem.sparse_jacobian`."""
         assert self.problem.sparse_jacobian is not None
         self.njev += 1
         point = z[: self.problem.n_states]

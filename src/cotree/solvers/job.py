@@ -15,7 +15,7 @@ from cotree.model.arrays import CObjects, pointer_to
 from cotree.sharing import RecentCache
 from cotree.solvers.budgets import Thinning, most_rows
 from cotree.solvers.problem import (
-    Problem,
+    RunProblem,
     Tolerances,
     as_tested,
     is_integrated,
@@ -79,7 +79,7 @@ class Callbacks(CObjects):
 class Rescue:
     """Python solver for algebraic equations on which C failed; ``reason`` is its error message."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: RunProblem) -> None:
         self.problem = problem
         self.reason = ""
 
@@ -112,13 +112,13 @@ _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 class StoredRows:
     """Stored points of a job, one per row; the first ``job.n_kept`` rows are valid."""
 
-    def __init__(self, ffi: Any, job: Any, problem: Problem) -> None:
+    def __init__(self, ffi: Any, job: Any, problem: RunProblem) -> None:
         self._ffi, self._job, self._n, self._room = ffi, job, problem.size, -1
         self._most_room = problem.most_rows
         self.times, self.values = np.zeros(0), np.zeros((0, self._n))
         self._pointers: tuple[Any, Any] = (ffi.NULL, ffi.NULL)
 
-    def begin(self, problem: Problem) -> None:
+    def begin(self, problem: RunProblem) -> None:
         """Allocate the rows of a run, and discard those of an earlier run."""
         self._keeps_steps = problem.settings.t_eval is None
         self.thinning, self._n_thinned = Thinning(), 0
@@ -236,7 +236,7 @@ class Shared:
         return found
 
 
-def job_kind(row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
+def job_kind(row: Method, problem: RunProblem, *, is_extended: bool) -> Hashable:
     """Return a key that is equal for jobs which differ only in values, times and functions."""
     return row.name, is_extended, problem.settings.t_eval is None
 
@@ -248,7 +248,7 @@ _MOST_CROSSINGS = 5
 _OF_TIMES = ("t", "n_breakpoints", "scale", "max_step", "n_wanted")
 
 
-def _times_of(problem: Problem) -> tuple[Any, ...]:
+def _times_of(problem: RunProblem) -> tuple[Any, ...]:
     t_span, t_eval = problem.settings.t_span, problem.settings.t_eval
     return t_span, t_eval, problem.breakpoints, problem.scale, problem.max_step
 
@@ -265,7 +265,7 @@ class Job:
         self,
         engine: Engine,
         row: Method,
-        problem: Problem,
+        problem: RunProblem,
         newton: Newton | None = None,
         *,
         is_extended: bool = False,
@@ -335,7 +335,7 @@ class Job:
             self._make_records(4 * self._at_once)
         self.begin(problem)
 
-    def begin(self, problem: Problem) -> None:
+    def begin(self, problem: RunProblem) -> None:
         """Begin a run; its values, times and functions may differ from those of the last run."""
         assert problem.native is not None  # all problems of a job have C code
         c, native = self.job, problem.native
@@ -374,11 +374,11 @@ class Job:
         if not is_timed:
             self._keep_times(problem)
 
-    def _is_timed(self, problem: Problem) -> bool:
+    def _is_timed(self, problem: RunProblem) -> bool:
         timed = _times_of(problem)
         return len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
 
-    def _keep_times(self, problem: Problem) -> None:
+    def _keep_times(self, problem: RunProblem) -> None:
         """Store the times of this run for later runs, unless they depend on parameters."""
         self._timed = () if len(problem.breakpoints) else _times_of(problem)
         if self._timed:
@@ -390,7 +390,7 @@ class Job:
         """The memory of the job's arrays, [byte]."""
         return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
-    def _set_model(self, problem: Problem) -> None:
+    def _set_model(self, problem: RunProblem) -> None:
         """Set the model, its inputs, and the Python functions that C calls."""
         assert problem.native is not None
         c = self.job
@@ -403,7 +403,7 @@ class Job:
         if problem.n_algebraic:
             c.helper = self._callbacks.helper(problem.n_states)
 
-    def _set_times(self, problem: Problem) -> None:
+    def _set_times(self, problem: RunProblem) -> None:
         c, times = self.job, restart_times(problem)
         c.t, c.n_breakpoints = times[0], len(times)
         if not np.array_equal(times, self._times):
@@ -463,7 +463,7 @@ class Job:
         rows = self._crossings[: self.job.n_crossed].copy()
         return [(float(row[0]), row[1:]) for row in rows]
 
-    def _set_slopes(self, problem: Problem, times: FloatArray) -> None:
+    def _set_slopes(self, problem: RunProblem, times: FloatArray) -> None:
         """Set the parameter derivatives of the breakpoint times unless all are zero."""
         if not (len(problem.shifts) and problem.n_sensitivities):
             return
@@ -507,7 +507,7 @@ class Job:
         setattr(self.job, name, pointer)
         setattr(self._blank, name, pointer)
 
-    def _tables(self, problem: Problem) -> Any:
+    def _tables(self, problem: RunProblem) -> Any:
         tables = self._callbacks.new("cotree_table_input[]", max(1, len(problem.replaced)))
         for row, (place, (times, values)) in zip(tables, problem.replaced.items(), strict=False):
             row.input, row.length = place, len(times)

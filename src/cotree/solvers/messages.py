@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from cotree.equations import EventRow
     from cotree.solvers.job import Job
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
     from cotree.solvers.result import FloatArray, Trajectory
 
 
@@ -35,7 +35,7 @@ _SENTENCES = dict(enumerate(SENTENCES.values()))
 _SOON = 1e-3
 
 
-def failure(job: Job, problem: Problem) -> str:
+def failure(job: Job, problem: RunProblem) -> str:
     """Return the reason why a job failed."""
     c, status = job.job, int(job.job.status)
     if status in EVENT_FAILURES:
@@ -64,7 +64,7 @@ def failure(job: Job, problem: Problem) -> str:
     return f"{reason}: {why}" if why else reason
 
 
-def _fault_of_jacobian(job: Job, problem: Problem) -> list[str]:
+def _fault_of_jacobian(job: Job, problem: RunProblem) -> list[str]:
     """Return a message on a Jacobian entry that is not finite at the last point, if any."""
     if not job.has_newton or problem.n_algebraic:
         return []
@@ -75,7 +75,7 @@ def _fault_of_jacobian(job: Job, problem: Problem) -> list[str]:
     return []
 
 
-def _event_reason(job: Job, problem: Problem, name: str) -> str:
+def _event_reason(job: Job, problem: RunProblem, name: str) -> str:
     c = job.job
     # Kinks of laws are located like events but have no names.
     rows = problem.events.event_rows if problem.events is not None else ()
@@ -89,7 +89,7 @@ def _event_reason(job: Job, problem: Problem, name: str) -> str:
     return f"{message} ({job.rescue.reason})" if job.rescue.reason else message
 
 
-def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> list[str]:
+def notes_of(job: Job, problem: RunProblem, z: FloatArray, *, has_failed: bool) -> list[str]:
     """Return messages on impacts that ended at rest and, after a failure, on contacts that jam."""
     if problem.events is None:
         return []
@@ -100,7 +100,7 @@ def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> 
     return [row for row in (jammed, rested) if row]
 
 
-def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
+def undefined_ahead(problem: RunProblem, t: float, z: FloatArray) -> str:
     """Return the reason why rates are undefined just after the last point, or an empty string.
 
     The rates are evaluated along the tangent of the motion from the last valid point (t, z).
@@ -125,7 +125,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     return why
 
 
-def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
+def _undefined(problem: RunProblem, t: float, y: FloatArray) -> str:
     """Return why rates or algebraic unknowns are undefined at a point, or an empty string."""
     assert problem.undefined is not None  # checked by the caller
     why = problem.undefined(t, y)
@@ -135,7 +135,7 @@ def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
     return "" if rescue.find_unknowns(t, y) else rescue.reason
 
 
-def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
+def singular_positions(problem: RunProblem, job: Job, *, has_failed: bool) -> list[str]:
     """Return messages on the singular positions that a job crossed or at which it failed."""
     assert problem.singular is not None  # the problem has constraints
     sentences = []
@@ -328,7 +328,7 @@ _MOST_UNKNOWNS, _MOST_NAMED = 50, 4
 _BESIDE_FOLD = (-1e-3, -1e-5, 1e-5, 1e-3)
 
 
-def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
+def with_growth(problem: RunProblem, trajectory: Trajectory) -> Trajectory:
     """Add the cause of an early stop to a run's message, if the end of the run reveals one."""
     for cause in (growth, fold, undetermined, infinite_slope):
         if sentence := cause(problem, trajectory):
@@ -342,7 +342,7 @@ def is_of_rounding(trajectory: Trajectory) -> bool:
     return trajectory.status == BUDGET_SPENT or any(text in message for text in _OF_ROUNDING)
 
 
-def fold(problem: Problem, trajectory: Trajectory) -> str:
+def fold(problem: RunProblem, trajectory: Trajectory) -> str:
     """Return a message on a fold of the algebraic equations at the end of a run, if any."""
     if not trajectory.t.size:
         return ""
@@ -350,7 +350,7 @@ def fold(problem: Problem, trajectory: Trajectory) -> str:
     return fold_at(problem, float(trajectory.t[-1]), trajectory.z[:, -1], is_known=is_known)
 
 
-def fold_at(problem: Problem, t: float, z: FloatArray, *, is_known: bool = False) -> str:
+def fold_at(problem: RunProblem, t: float, z: FloatArray, *, is_known: bool = False) -> str:
     """Return a message on a fold of the algebraic equations at a point, or an empty string."""
     m, n = problem.n_algebraic, problem.n_states
     if not (is_known or _is_near_fold(problem, t, z[:n])):
@@ -363,7 +363,7 @@ def fold_at(problem: Problem, t: float, z: FloatArray, *, is_known: bool = False
     )
 
 
-def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
+def _is_near_fold(problem: RunProblem, t: float, y: FloatArray) -> bool:
     """Return whether two solutions of the algebraic equations meet and end near a point.
 
     The determinant of the derivatives with respect to the unknowns changes its sign at a fold.
@@ -385,7 +385,7 @@ def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
     return len(signs) > 1
 
 
-def undetermined(problem: Problem, trajectory: Trajectory) -> str:
+def undetermined(problem: RunProblem, trajectory: Trajectory) -> str:
     """Return a message on algebraic unknowns that their equations hardly determine, if any."""
     m, n = problem.n_algebraic, problem.n_states
     is_sought = m > 0 and "algebraic equations cannot be solved" in trajectory.message
@@ -410,7 +410,7 @@ def undetermined(problem: Problem, trajectory: Trajectory) -> str:
     )
 
 
-def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
+def infinite_slope(problem: RunProblem, trajectory: Trajectory) -> str:
     """Return a message on a rate with an infinite slope where steps became too short, if any.
 
     Sensitivities grow there like a root of time, which steps resolve only to about sqrt(eps).
@@ -439,7 +439,7 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
     )
 
 
-def growth(problem: Problem, trajectory: Trajectory) -> str:
+def growth(problem: RunProblem, trajectory: Trajectory) -> str:
     """Return a message on the state that has grown most, or an empty string if none grew much.
 
     A state counts if it exceeds a thousand times its range in the first tenth of the run, has its

@@ -22,7 +22,7 @@ from cotree.tolerances import LIMITS
 if TYPE_CHECKING:
     from cotree.model.kernels import Newton
     from cotree.solvers.engine import Engine
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
     from cotree.solvers.select import MethodSwitch
 
 
@@ -39,7 +39,7 @@ ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
 _FINE = 1e-12
 
 
-def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
+def summary(problem: RunProblem, method: str, t: float, reason: str) -> list[str]:
     """Return messages on the end time, the reason for an early stop, and a raised tolerance."""
     sentences = [f"{method} reached t = {t:.10g}."]
     if reason:
@@ -67,7 +67,7 @@ def stiffness_note(job: Any) -> str:
     )
 
 
-def _rounding_of_time(problem: Problem, t: float) -> str:
+def _rounding_of_time(problem: RunProblem, t: float) -> str:
     """Return a message if the rounding of a large t limits the step size, or an empty string."""
     spacing, (start, end) = float(np.spacing(abs(t))), problem.settings.t_span
     if spacing <= _FINE * abs(end - start):
@@ -84,7 +84,7 @@ def with_compile_time(trajectory: Trajectory, seconds: float) -> Trajectory:
     return changed(trajectory, statistics=statistics)
 
 
-def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
+def _drift(job: Job, problem: RunProblem, t: FloatArray, z: FloatArray) -> Drift | None:
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     if problem.held is None and cut == n:
         return None
@@ -137,7 +137,7 @@ def is_available(method: str) -> bool:
     return True
 
 
-def can_extend(row: Method, problem: Problem) -> bool:
+def can_extend(row: Method, problem: RunProblem) -> bool:
     """Return whether a method can integrate algebraic unknowns instead of solving for them."""
     return (
         problem.native is not None
@@ -154,7 +154,7 @@ def can_extend(row: Method, problem: Problem) -> bool:
 class Attempt:
     """An integration in C that has begun and can be advanced, finished or abandoned."""
 
-    problem: Problem
+    problem: RunProblem
     row: Method  # integration method
     job: Job  # C job of the run, which may have taken some steps
     is_extended: bool  # whether the job integrates algebraic unknowns
@@ -311,7 +311,7 @@ class Attempt:
             steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 
-def begin_in_c(problem: Problem, method: str) -> Attempt | str:
+def begin_in_c(problem: RunProblem, method: str) -> Attempt | str:
     """Begin the integration of a checked problem in C, or return the reason why C cannot."""
     why = refusal(method, problem)
     if why:
@@ -334,13 +334,13 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
     return why or Attempt(problem, row, job, is_extended, compiling)
 
 
-def engine_of(stepper: str, problem: Problem) -> Engine | str:
+def engine_of(stepper: str, problem: RunProblem) -> Engine | str:
     """Build and load the engine of a stepper for a problem, or return the reason why that fails."""
     assert problem.native is not None
     return load_engine(stepper, has_events=problem.native.model.layout.has_events)
 
 
-def factors_of(row: Method, problem: Problem) -> Newton | str | None:
+def factors_of(row: Method, problem: RunProblem) -> Newton | str | None:
     """Return the ``cotree_newton`` of an implicit method, or the reason why it cannot be built."""
     if row.family != "cotree" or not row.implicit:
         return None
@@ -348,13 +348,13 @@ def factors_of(row: Method, problem: Problem) -> Newton | str | None:
     return problem.native.model.code.newton() or "no compiler can build what it needs of the model"
 
 
-def band_refusal(job: Job, problem: Problem) -> str:
+def band_refusal(job: Job, problem: RunProblem) -> str:
     """Return a reason to prefer SciPy's sparse factorisation, or an empty string."""
     is_refused = problem.is_sparse and job.is_wide and not beyond_scipy(problem)
     return "the Jacobian's band is wide" if is_refused else ""
 
 
-def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
+def _idle(row: Method, problem: RunProblem, *, is_extended: bool) -> Job | None:
     """Take an idle job of an earlier run, and begin this run in it; None if no job is idle."""
     if problem.shared is None:
         return None

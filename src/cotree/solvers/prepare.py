@@ -22,7 +22,7 @@ from cotree.records import filled
 from cotree.scene.expressions import check_positive
 from cotree.scene.settings import Settings, in_python
 from cotree.solvers.job import Shared
-from cotree.solvers.problem import DENSE_LIMIT, Problem
+from cotree.solvers.problem import DENSE_LIMIT, RunProblem
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -154,7 +154,7 @@ class Preparation:
         )
         n, m = len(model.states), len(model.sensitivities)
         # Each run replaces the functions, and the values that depend on parameters.
-        self._template = Problem(
+        self._template = RunProblem(
             rhs=_nothing,
             jacobian=None,
             n_states=n,
@@ -178,7 +178,7 @@ class Preparation:
         self._start: Start | None = None
         self._has_constant_start = model.has_constant_start and not self.asks_python
 
-    def run(self, parameters: Any, initial: Mapping[str, float]) -> Problem:
+    def run(self, parameters: Any, initial: Mapping[str, float]) -> RunProblem:
         """Return the problem of one run with the given parameters and initial values."""
         model, t_span = self.model, self.settings.t_span
         initial = check_mapping(initial, "initial") if initial else {}
@@ -230,7 +230,7 @@ class Preparation:
             values["scales"] = self._scales(p)
         if start.on_jump:
             raise SolveError(start.on_jump)
-        return filled(Problem, values)
+        return filled(RunProblem, values)
 
     def bound(self, p: FloatArray) -> BoundModel | None:
         """Return the model with parameters p if its runs project onto constraints, else None."""

@@ -48,7 +48,7 @@ UNTESTED = 1e100
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class RunProblem:
     """An initial value problem M z' = rhs(t, z) in states and sensitivities.
 
     M is the identity except in rows of algebraic unknowns, which are determined by rhs = 0. z has
@@ -118,7 +118,7 @@ class Problem:
     #: Jobs and results that runs of the same model with the same settings share.
     shared: Shared | None = None
 
-    def with_settings(self, **values: Any) -> Problem:
+    def with_settings(self, **values: Any) -> RunProblem:
         """Return the problem with changed settings; these are not checked."""
         return changed(self, settings=changed(self.settings, **values))
 
@@ -169,7 +169,7 @@ class Tolerances:
     norm, so its test becomes stricter by this factor. Sizes may have one row per problem.
     """
 
-    def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, problem: RunProblem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
         places = problem.integrated if is_left is None else problem.integrated[is_left]
         self._atol = problem.settings.atol
         # Block 0 of z contains the states, block k their sensitivities to parameter k - 1.
@@ -177,11 +177,11 @@ class Tolerances:
         self._is_tested = problem.settings.error_test_sensitivities
         self._share = 1.0 if self._is_tested else _share(problem)
 
-    def rtol_of(self, problem: Problem) -> float:
+    def rtol_of(self, problem: RunProblem) -> float:
         """Return the relative tolerance for a problem, at least ``RTOL_FLOOR``."""
         return max(problem.settings.rtol / self._share, RTOL_FLOOR)
 
-    def of(self, problem: Problem) -> FloatArray:
+    def of(self, problem: RunProblem) -> FloatArray:
         """Return the absolute tolerances for a problem in a new array of shape (..., n_entries)."""
         scales = problem.scales
         atol: Any = self._atol
@@ -198,19 +198,19 @@ class Tolerances:
         return np.minimum(found, UNTESTED, out=found)
 
 
-def tested_rtol(problem: Problem) -> float:
+def tested_rtol(problem: RunProblem) -> float:
     """Return the relative tolerance of the error test, at least ``RTOL_FLOOR``."""
     share = 1.0 if problem.settings.error_test_sensitivities else _share(problem)
     return max(problem.settings.rtol / share, RTOL_FLOOR)
 
 
-def _share(problem: Problem) -> float:
+def _share(problem: RunProblem) -> float:
     """Return the square root of (number of integrated entries / number of states)."""
     return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))
 
 
 def tested(
-    row: Method, problem: Problem, *, is_extended: bool
+    row: Method, problem: RunProblem, *, is_extended: bool
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
     """Return the indices in z of entries integrated in C, (n,), and their tolerances, (..., n)."""
     is_left = is_integrated(row, problem, is_extended=is_extended)
@@ -218,7 +218,7 @@ def tested(
     return problem.integrated[is_left], Tolerances(known, is_left).of(known)
 
 
-def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
+def is_integrated(row: Method, problem: RunProblem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
     """Return a mask of the entries ``problem.integrated`` that are integrated in C."""
     places = problem.integrated
     cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
@@ -231,12 +231,12 @@ def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.ND
     return found
 
 
-def as_tested(row: Method, problem: Problem) -> Problem:
+def as_tested(row: Method, problem: RunProblem) -> RunProblem:
     """Return the problem with finite tolerances of sensitivities if SUNDIALS can exclude them."""
     return problem.with_settings(error_test_sensitivities=True) if row.corrector else problem
 
 
-def describe_entry(problem: Problem, index: int) -> str:
+def describe_entry(problem: RunProblem, index: int) -> str:
     """Return a name for an entry of z, from its state and, for a sensitivity, its parameter."""
     # Block 0 of z contains the states, block k the sensitivities to parameter k - 1.
     block, state = divmod(index, problem.n_states)
@@ -247,13 +247,13 @@ def describe_entry(problem: Problem, index: int) -> str:
     return f"the sensitivity of {name} to {by}"
 
 
-def check_problem(problem: Problem) -> None:
+def check_problem(problem: RunProblem) -> None:
     """Raise SolveError if a size, a breakpoint or an initial value cannot be accepted."""
     _check_sizes(problem)
     check_values(problem)
 
 
-def check_values(problem: Problem) -> None:
+def check_values(problem: RunProblem) -> None:
     """Raise SolveError if a value that may depend on parameters cannot be accepted."""
     if problem.direction < 0 and problem.events is not None:
         raise SolveError("A scene with events runs forwards only, since events are not reversible.")
@@ -271,7 +271,7 @@ def check_values(problem: Problem) -> None:
     )
 
 
-def _check_sizes(problem: Problem) -> None:
+def _check_sizes(problem: RunProblem) -> None:
     if problem.n_states < 0 or problem.n_sensitivities < 0:
         raise SolveError("The numbers of states and sensitivities must not be negative.")
     if np.shape(problem.z0) != (problem.size,):
@@ -290,7 +290,7 @@ def _check_sizes(problem: Problem) -> None:
         raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
 
 
-def restart_times(problem: Problem) -> FloatArray:
+def restart_times(problem: RunProblem) -> FloatArray:
     """Return start, breakpoints inside the span, and end, in the order of the run."""
     start, end = map(float, problem.settings.t_span)
     if not len(problem.breakpoints):
@@ -304,12 +304,12 @@ def restart_times(problem: Problem) -> FloatArray:
     return np.concatenate([[start], inside[:: int(problem.direction)], [end]])
 
 
-def segments(problem: Problem) -> list[tuple[float, float]]:
+def segments(problem: RunProblem) -> list[tuple[float, float]]:
     """Return the start and end of each segment between breakpoints."""
     return list(itertools.pairwise(restart_times(problem).tolist()))
 
 
-def turn_tolerances(problem: Problem) -> FloatArray:
+def turn_tolerances(problem: RunProblem) -> FloatArray:
     """Return the absolute tolerance of the sensitivities to each parameter, shape (..., m)."""
     # As in the error test, the least tolerance of states is divided by the parameter size.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
@@ -318,7 +318,7 @@ def turn_tolerances(problem: Problem) -> FloatArray:
     return found
 
 
-def turning(problem: Problem, t: float, entry: int) -> str:
+def turning(problem: RunProblem, t: float, entry: int) -> str:
     """Return a message that the sensitivity z[entry] does not exist after time t."""
     what = describe_entry(problem, entry)
     if t == problem.settings.t_span[0]:
@@ -337,7 +337,7 @@ def turning(problem: Problem, t: float, entry: int) -> str:
 _MOST_REDUCED = 2000
 
 
-def refusal(method: str, problem: Problem) -> str:
+def refusal(method: str, problem: RunProblem) -> str:
     """Return the reason why a C method cannot solve a checked problem, or an empty string."""
     row = METHODS[method]
     if problem.native is None:
@@ -355,7 +355,7 @@ def refusal(method: str, problem: Problem) -> str:
     return ""
 
 
-def beyond_scipy(problem: Problem) -> str:
+def beyond_scipy(problem: RunProblem) -> str:
     """Return the part of a problem that SciPy's methods do not support, or an empty string."""
     if problem.events is not None:
         return f"events, such as '{problem.events.event_rows[0].name}'"
@@ -373,7 +373,7 @@ def beyond_scipy(problem: Problem) -> str:
     return ""
 
 
-def _dependent(problem: Problem) -> str:
+def _dependent(problem: RunProblem) -> str:
     """Return a message on constraints that are dependent at the start, or an empty string.
 
     Stages of Rosenbrock methods violate such constraints, which then contradict each other.

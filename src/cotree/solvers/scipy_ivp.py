@@ -20,7 +20,7 @@ from cotree.quiet import without_warnings
 from cotree.solvers.budgets import Progress, Thinning, steps_spent
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError, augmented_tolerances
 from cotree.solvers.native import ROUNDING_LEVEL, summary
-from cotree.solvers.problem import Problem, beyond_scipy, check_problem, segments
+from cotree.solvers.problem import RunProblem, beyond_scipy, check_problem, segments
 from cotree.solvers.result import BUDGET_SPENT, FAILED, FloatArray, Statistics, Trajectory
 from cotree.tolerances import LIMITS
 
@@ -77,7 +77,7 @@ _FINE = 1e-2
 _DAMPED = "its steps damp a mode that grows faster than they can resolve: use 'rodas5'"
 
 
-def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
+def solve_with_scipy(problem: RunProblem, method: str) -> Trajectory:
     """Integrate with "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA"."""
     check_problem(problem)
     what = beyond_scipy(problem)
@@ -97,7 +97,7 @@ def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
 
 
 class _Run:
-    def __init__(self, problem: Problem, method: str) -> None:
+    def __init__(self, problem: RunProblem, method: str) -> None:
         self.problem, self.method = problem, method
         self.evaluator = Evaluator(problem)
         self.progress = Progress(method, problem.settings.t_span)

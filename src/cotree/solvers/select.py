@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.methods import Method
     from cotree.solvers.job import Job
     from cotree.solvers.native import Attempt
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
     from cotree.solvers.result import FloatArray, Trajectory
 
 # A problem counts as stiff if the span exceeds this number of time constants. DOP853, with 12
@@ -42,7 +42,7 @@ _PROBE_STEPS = 20
 _PROBE_RTOL = 1e-3
 
 
-def integrate(problem: Problem, method: str = "auto") -> Trajectory:
+def integrate(problem: RunProblem, method: str = "auto") -> Trajectory:
     """Integrate a problem with a method of ``METHODS``, or with "auto".
 
     A failed integration returns a status other than 0. Raises SolveError if the method is unknown
@@ -52,7 +52,7 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     return run(problem, method)
 
 
-def run(problem: Problem, method: str) -> Trajectory:
+def run(problem: RunProblem, method: str) -> Trajectory:
     """Integrate a checked problem; see :func:`integrate`."""
     if method != "auto":
         return _solve(problem, method)
@@ -67,7 +67,7 @@ def run(problem: Problem, method: str) -> Trajectory:
     return changed(trajectory, message=f"{trajectory.message} {reason}")
 
 
-def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
+def _with_ida(problem: RunProblem, first: Trajectory) -> Trajectory:
     """Repeat the run with "ida" if another method could not solve for algebraic unknowns.
 
     "ida" solves for states and unknowns together; other methods solve for unknowns at given states.
@@ -104,13 +104,13 @@ class MethodSwitch:
     """The switch of one run to a method for stiff problems."""
 
     #: Function ``solve(problem, method)`` that integrates with a named method.
-    solve: Callable[[Problem, str], Trajectory]
+    solve: Callable[[RunProblem, str], Trajectory]
     #: First step that is tested for stiffness; the choice of the method examined earlier steps.
     first_step: int = 0
     note: str = ""  # remark on the outcome; empty if no switch was attempted
     _has_failed: bool = False
 
-    def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
+    def take_over(self, problem: RunProblem, first: Trajectory, job: Job) -> Trajectory | None:
         """Continue a stiff problem from the last point of a job to the end of the span.
 
         ``first`` contains the points stored so far. Return the whole trajectory, or None if the job
@@ -143,7 +143,7 @@ class MethodSwitch:
         return stiffness.joined(problem, first, changed(second, message=f"{second.message} {note}"))
 
 
-def _solve_watched(problem: Problem, method: str, begun: Attempt | None) -> Trajectory:
+def _solve_watched(problem: RunProblem, method: str, begun: Attempt | None) -> Trajectory:
     """Integrate, and switch to a method for stiff problems if the problem becomes stiff."""
     row = method_row(method)
     # Only the explicit C steppers detect stiffness.
@@ -154,7 +154,7 @@ def _solve_watched(problem: Problem, method: str, begun: Attempt | None) -> Traj
 
 
 def _solve(
-    problem: Problem,
+    problem: RunProblem,
     method: str,
     successor: MethodSwitch | None = None,
     begun: Attempt | None = None,
@@ -178,7 +178,7 @@ def _solve(
     return attempt.finish(successor)
 
 
-def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
+def _run_substitute(problem: RunProblem, row: Method, why: str) -> Trajectory:
     """Integrate with the substitute of a method that C cannot run; the message gives the reason."""
     what, other, method = beyond_scipy(problem), row.instead, row.name
     if row.family == "correctors":
@@ -199,7 +199,7 @@ def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
     return changed(trajectory, message=message)
 
 
-def choose_method(problem: Problem) -> tuple[str, str]:
+def choose_method(problem: RunProblem) -> tuple[str, str]:
     """Return a method and the reason for it, based on the fastest decay early in the run.
 
     Strongly damped modes with time constants far below the span force explicit methods to take
@@ -218,7 +218,7 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     return method, reason
 
 
-def _choose(problem: Problem) -> tuple[str, str, Attempt | None]:
+def _choose(problem: RunProblem) -> tuple[str, str, Attempt | None]:
     """Return a method, the reason for it, and the integration if it has begun."""
     if problem.n_states == problem.n_algebraic:
         method = "DOP853" if refusal(_STATIC, problem) else _STATIC
@@ -232,7 +232,7 @@ def _choose(problem: Problem) -> tuple[str, str, Attempt | None]:
     return method, reason, probe.begun
 
 
-def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
+def _chosen(problem: RunProblem, explicit: str, rates: Rates) -> tuple[str, str]:
     """Return an explicit method or a method for stiff problems, and the reason for the choice."""
     span = abs(problem.settings.t_span[1] - problem.settings.t_span[0])
     # The span, measured in time constants of the fastest damped mode.
@@ -263,7 +263,7 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
     )
 
 
-def _saving(problem: Problem, method: str) -> str:
+def _saving(problem: RunProblem, method: str) -> str:
     """Return a remark that rodas5 would take longer if cvode was chosen for this reason."""
     from cotree.solvers.stiffness import cost_of_rodas5
 
@@ -284,7 +284,7 @@ class Rates(NamedTuple):
     is_bound: bool = False
 
 
-def _rates(problem: Problem, probe: Probe) -> Rates:
+def _rates(problem: RunProblem, probe: Probe) -> Rates:
     """Return the rates of the modes, cached for runs with equal parameters and starts."""
     native, shared = problem.native, problem.shared
     if native is None or shared is None:
@@ -295,7 +295,7 @@ def _rates(problem: Problem, probe: Probe) -> Rates:
 class Probe:
     """Mode rates at the start and a few steps later; ``begun`` if the run itself took the steps."""
 
-    def __init__(self, problem: Problem, explicit: str) -> None:
+    def __init__(self, problem: RunProblem, explicit: str) -> None:
         self._problem, self._explicit = problem, explicit
         self.begun: Attempt | None = None
 
@@ -347,7 +347,7 @@ class Probe:
         return [(float(attempt.job.job.t), attempt.job.z.copy())]
 
 
-def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
+def bound_of_decay(problem: RunProblem, t: float, z: FloatArray) -> float:
     """Return an upper bound of the decay rates of modes at a point, [1/s]; infinite if unknown.
 
     The bound is the Frobenius norm of the Jacobian, which no magnitude of an eigenvalue exceeds.
@@ -375,7 +375,7 @@ def probe_steps(rtol: float) -> int:
     return math.ceil(_PROBE_STEPS * math.pow(share, 0.125))
 
 
-def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
+def _loose_steps(problem: RunProblem, method: str) -> list[tuple[float, FloatArray]]:
     """Return the start, and the end point of a few steps at a loose tolerance."""
     span = problem.settings.t_span
     if problem.reach is not None:

@@ -15,7 +15,7 @@ from cotree.quiet import level_of_user
 from cotree.records import filled
 from cotree.solvers.engine import sweep
 from cotree.solvers.prepare import Preparation, prepared
-from cotree.solvers.problem import Problem, check_values
+from cotree.solvers.problem import RunProblem, check_values
 from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory, deferred
 from cotree.solvers.select import run as integrate
 from cotree.solvers.trust import (
@@ -42,7 +42,7 @@ _MOST_COPIED = 2**18
 
 
 def observed(
-    preparation: Preparation, problem: Problem, trajectory: Trajectory, left_out: Sequence[int]
+    preparation: Preparation, problem: RunProblem, trajectory: Trajectory, left_out: Sequence[int]
 ) -> dict[str, Any]:
     """Return the outputs, inputs and events of a record; see :func:`deferred`.
 

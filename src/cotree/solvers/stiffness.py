@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cotree.model.kernels import StepWork
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
 
 
 # Number of computed eigenvalues of a sparse Jacobian, and their relative tolerance, which is loose
@@ -36,14 +36,14 @@ _ROUGH = 1e-2
 _MOST_RESTARTS = 200
 
 
-def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) -> float:
+def fastest_decay(problem: RunProblem, points: Sequence[tuple[float, FloatArray]]) -> float:
     """Return the largest decay rate, [1/s], of modes that decay faster than they oscillate."""
     modes = _modes(problem, points, problem.direction)
     # If |Im| > -Re, a mode oscillates faster than it decays.
     return float(np.max(-modes[np.abs(modes.imag) <= -modes.real].real, initial=0.0))
 
 
-def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
+def fastest_growth(problem: RunProblem, t: float, z: FloatArray) -> float:
     """Return the largest growth rate of a mode at a point, [1/s], or zero if no mode grows."""
     # Integration backwards in time turns growth into decay.
     modes = _modes(problem, [(t, z)], -problem.direction)
@@ -51,7 +51,7 @@ def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
 
 
 def _modes(
-    problem: Problem, points: Sequence[tuple[float, FloatArray]], way: float
+    problem: RunProblem, points: Sequence[tuple[float, FloatArray]], way: float
 ) -> npt.NDArray[np.complex128]:
     """Return the eigenvalues of decaying modes at all points; ``way`` = -1: backwards in time."""
     evaluator = Evaluator(problem)
@@ -135,7 +135,7 @@ _RATES, _ALL, _SOLUTIONS = 1.6, 1.3, 1.5
 _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 
-def share_of_rodas5(problem: Problem) -> float | None:
+def share_of_rodas5(problem: RunProblem) -> float | None:
     """Estimate the time of rodas5 divided by that of cvode; return None if costs are unknown."""
     work = None if problem.native is None else problem.native.model.code.step_work()
     if work is None:
@@ -183,7 +183,7 @@ _CONFIRMED = 0.5
 _AT_ZERO = 10.0
 
 
-def stiff_method(problem: Problem) -> str:
+def stiff_method(problem: RunProblem) -> str:
     """Return the name of the method for a stiff problem, by default "rodas5".
 
     The method is "cvode" if a run then costs less, if there are many states, or if there are loops,
@@ -200,7 +200,7 @@ def stiff_method(problem: Problem) -> str:
     return "rodas5" if not refusal("rodas5", problem) else "dop853"
 
 
-def cost_of_rodas5(problem: Problem) -> float:
+def cost_of_rodas5(problem: RunProblem) -> float:
     """Return the estimated time of "rodas5" divided by that of "cvode", or zero without "cvode".
 
     "cvode" is not considered for problems with events, many breakpoints or projections, because
@@ -218,7 +218,7 @@ def cost_of_rodas5(problem: Problem) -> float:
     return share_of_rodas5(problem) or 0.0
 
 
-def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
+def is_confirmed(problem: RunProblem, t: float, z: FloatArray, step: float, method: str) -> bool:
     """Return whether stability limits the step size of an explicit method at (t, z), [s]."""
     from cotree.codegen.tableaus import TABLEAUS
 
@@ -228,7 +228,7 @@ def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method:
     return step * float(np.max(sizes, initial=0.0)) >= _CONFIRMED * bound
 
 
-def obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
+def obstacle(problem: RunProblem, t: float, z: FloatArray, method: str) -> str:
     """Return the reason why no other method can start at a point, or an empty string."""
     if problem.events is None:
         return ""
@@ -244,7 +244,7 @@ def obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
     )
 
 
-def rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Problem | None:
+def rest(problem: RunProblem, first: Trajectory, t: float, z: FloatArray) -> RunProblem | None:
     """Return the problem for the rest of a run, or None if a limit is reached."""
     own = problem.settings
     wanted = own.t_eval
@@ -269,7 +269,7 @@ def rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Proble
     return replace(rest, z0=z, steps_taken=taken)
 
 
-def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajectory:
+def joined(problem: RunProblem, first: Trajectory, second: Trajectory) -> Trajectory:
     """Join two trajectories, the second of which begins at the end of the first."""
     skipped = 0
     if problem.settings.t_eval is None:

@@ -29,7 +29,7 @@ from cotree.methods import SUNDIALS_VERSION, WITH_SENSITIVITIES
 if TYPE_CHECKING:
     from cotree.methods import Method
     from cotree.solvers.engine import Engine
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
 
 
 #: Name of the environment variable with the path of a SUNDIALS library.
@@ -142,7 +142,7 @@ _MOST_MULTIPLICATIONS = 3e7
 class SundialsAid:
     """The ``cotree_sundials_aid`` of a job with its arrays; see :class:`cotree.solvers.job.Job`."""
 
-    def __init__(self, engine: Engine, row: Method, problem: Problem, model: Any) -> None:
+    def __init__(self, engine: Engine, row: Method, problem: RunProblem, model: Any) -> None:
         ffi, n = engine.library.ffi, problem.n_states
         c = self.address = ffi.new("cotree_sundials_aid *")
         c.sundials, c.corrector = engine.functions, row.corrector

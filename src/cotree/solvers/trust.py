@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from cotree.model.linear import Matrix
     from cotree.model.model import CompiledModel
-    from cotree.solvers.problem import Problem
+    from cotree.solvers.problem import RunProblem
     from cotree.solvers.result import FloatArray, Trajectory
 
 
@@ -44,13 +44,13 @@ _LEFT_FREE, _N_EXAMINED = 10.0, 50
 _ROUNDINGS = 16.0
 
 
-def warn_of_tolerances(problem: Problem) -> None:
+def warn_of_tolerances(problem: RunProblem) -> None:
     """Warn if the relative tolerance is loose."""
     _warn(loose_rtol(problem.settings.rtol))
 
 
 def warn_of_result(
-    problem: Problem,
+    problem: RunProblem,
     trajectory: Trajectory,
     followers: Sequence[tuple[int, int]] = (),
     is_balanced: Callable[[], bool] = lambda: False,
@@ -67,7 +67,7 @@ def warn_of_result(
             _warn(_left_free(problem, trajectory, followers))
 
 
-def is_balanced(model: CompiledModel, problem: Problem) -> bool:
+def is_balanced(model: CompiledModel, problem: RunProblem) -> bool:
     """Return whether the first rates are rounding errors of large terms, as in a robot at rest.
 
     Rounding errors change completely if parameters and inputs change in their tenth digit.
@@ -87,7 +87,7 @@ def _other(values: FloatArray) -> FloatArray:
     return values * (1.0 + 1e-10 * (1.0 + np.arange(len(values)) % 7))
 
 
-def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int) -> None:
+def warn_of_redundancy(problem: RunProblem, trajectory: Trajectory, redundant: int) -> None:
     """Warn if constraints are redundant and the tolerance is loose."""
     if trajectory.status == 0 and redundant and problem.settings.rtol > _ROUGH:
         _warn(
@@ -96,7 +96,9 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
         )
 
 
-def check_constraint_drift(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory:
+def check_constraint_drift(
+    problem: RunProblem, trajectory: Trajectory, redundant: int
+) -> Trajectory:
     """Mark a run as failed if it may have jumped to another branch of the constraints.
 
     This is possible if a projection changed the states by far more than the tolerance, or if the
@@ -125,7 +127,7 @@ def check_constraint_drift(problem: Problem, trajectory: Trajectory, redundant: 
 
 
 def _left_free(
-    problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]]
+    problem: RunProblem, trajectory: Trajectory, followers: Sequence[tuple[int, int]]
 ) -> str:
     """Return a warning if the tolerance of a storage content is too loose for its variable."""
     if not followers or problem.jacobian is None:
@@ -154,7 +156,7 @@ def _left_free(
     return message
 
 
-def _untested(problem: Problem, trajectory: Trajectory) -> str:
+def _untested(problem: RunProblem, trajectory: Trajectory) -> str:
     """Return a warning if the absolute tolerance is large compared with all states."""
     n = problem.n_states - problem.n_algebraic
     y, atol = trajectory.z[:n], problem.settings.atol
@@ -196,7 +198,7 @@ _REMEMBERED = 100
 _POINTS, _REACH = 5, 1.0 / 16.0
 
 
-def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
+def check_time_resolution(problem: RunProblem, trajectory: Trajectory) -> Trajectory:
     """Mark a run as failed if errors due to the rounding of t exceed the tolerance."""
     n_steps = trajectory.statistics.n_steps
     is_empty = not n_steps or not trajectory.t.size
@@ -226,7 +228,7 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
     return replace(trajectory, status=FAILED, message=reason)
 
 
-def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
+def is_fine(problem: RunProblem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     """Return whether the rounding of times has no effect, for one number of steps or an array."""
     start, end = problem.settings.t_span
     # Runs without steps count as runs with one step.
@@ -234,7 +236,7 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     return math.ulp(max(abs(start), abs(end))) <= _FINE * problem.settings.rtol * steps
 
 
-def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
+def _share(problem: RunProblem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
     """Return the error of a step due to the rounding of t, as a fraction of the tolerance.
 
     The error is computed forwards and backwards in time, and the smaller value is returned, because
@@ -256,13 +258,13 @@ def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: Floa
     return 0.5 * least * math.ulp(t) / ahead
 
 
-def _rates(problem: Problem, t: float, y: FloatArray) -> FloatArray:
+def _rates(problem: RunProblem, t: float, y: FloatArray) -> FloatArray:
     assert problem.state_rhs is not None  # the problem has a model
     return np.array(problem.state_rhs(t, y), dtype=np.float64)
 
 
 def _over_step(
-    problem: Problem, t: float, y: FloatArray, step: float, change: FloatArray
+    problem: RunProblem, t: float, y: FloatArray, step: float, change: FloatArray
 ) -> FloatArray:
     """Return the change of the states in an implicit step due to a change of the rates."""
     if not np.any(change):
