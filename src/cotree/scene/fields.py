@@ -241,7 +241,7 @@ class Input:
     ----------
     name : str
         Its name in expressions.
-    value : Expression or Table
+    value : Expression or LinearTable
         Its value in runs that do not replace it.
     unit, doc : str
         Its unit and its meaning as text.
