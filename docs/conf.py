@@ -153,14 +153,17 @@ def _as_page_of_the_site(_app: object, page: str, source: list[str]) -> None:
 
 def _commands() -> str:
     """Describe every command as the program itself does."""
-    import typer
-    from typer.cli import get_docs_for_click
+    from click import Context
 
     from cotree.cli.app import app
 
-    command = typer.main.get_command(app)
-    text: str = get_docs_for_click(obj=command, ctx=typer.Context(command), name="cotree")
-    return text.partition("**Commands**")[2].partition("\n## ")[2].join(["\n## ", ""])
+    text = ""
+    with Context(app, info_name="cotree") as program:
+        for name in app.list_commands(program):
+            command = app.get_command(program, name)
+            about = command.get_help(Context(command, program, name))
+            text += f"\n## `cotree {name}`\n\n```text\n{about}\n```\n"
+    return text
 
 
 def setup(app: Any) -> None:

@@ -75,7 +75,7 @@ def test_a_program_may_end_while_engines_are_built(tmp_path):
 
 def test_the_guess_imports_little():
     """Whatever it imports, the compiler waits for."""
-    script = "import sys, cotree.cli; print('numpy' in sys.modules, 'typer' in sys.modules)"
+    script = "import sys, cotree.cli; print('numpy' in sys.modules, 'click' in sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )

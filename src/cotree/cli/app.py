@@ -12,31 +12,30 @@ import json
 import sys
 from contextlib import contextmanager
 from importlib import import_module
-from pathlib import Path  # noqa: TC003 - typer reads the annotations
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-from typer.core import TyperGroup
-from typer.main import get_command
+import click
 
 from cotree.build.cache import cached
 from cotree.cli.options import (
     INTERRUPTED,
-    Csv,
-    EndTime,
-    Plot,
-    SceneName,
-    Sensitivity,
+    PATH,
     check_animated,
     check_folder,
     check_picture,
+    csv_option,
+    end_time_option,
     given,
+    plot_option,
     print_error,
     read_robots_with,
     read_scene,
     read_tolerances,
+    scene_argument,
+    sensitivity_option,
+    settings_options,
+    tree_option,
     warnings_in_one_line,
-    with_options,
     write_file,
 )
 from cotree.errors import Error, SceneError
@@ -46,26 +45,73 @@ from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from cotree.api import Model, Scene
     from cotree.lint import Finding
+    from cotree.scene.graphs import TreeChoice
+
+
+#: Commands in the order of the help.
+_ORDER = (
+    "run sweep optimise fit generate export equations graph lint check bench save components new "
+    "scenes"
+)
+
+#: Modules and names of commands that are imported when needed: by their call or by help.
+_LATER = {
+    "sweep": "sweep.sweep_scene",
+    "optimise": "fitting.optimise_scene",
+    "fit": "fitting.fit_scene",
+    "components": "guide.show_components",
+    "new": "guide.new_scene",
+}
+
+
+class Commands(click.Group):
+    """A group of commands, some of which are imported at their first use."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands."""
+        return _ORDER.split()
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command by name, or None if there is none."""
+        if cmd_name in _LATER and cmd_name not in self.commands:
+            module, _, command = _LATER[cmd_name].partition(".")
+            self.add_command(getattr(import_module(f"cotree.cli.{module}"), command))
+        return super().get_command(ctx, cmd_name)
+
+
+@click.group(cls=Commands, context_settings={"show_default": True})
+@click.version_option(VERSION, message="cotree %(version)s", help="Print the version.")
+@click.option(
+    "--base", default="fixed", help="Base of a URDF robot: fixed (to the ground) or free."
+)
+@click.option(
+    "--mimic/--no-mimic",
+    default=True,
+    help="Whether mimic joints of a URDF robot follow their leaders.",
+)
+def app(base: str, mimic: bool) -> None:
+    """Simulate mechanisms, circuits and processes by generated C code, with exact sensitivities."""
+    read_robots_with(base, mimic)
 
 
 # Largest number of findings that a run prints.
 _MOST_WARNINGS = 5
 
 
-def lint_scene(
-    scene: SceneName,
-    allow: Annotated[
-        list[str],
-        typer.Option(
-            metavar="RULE[:NAME]",
-            help="Allow this finding, because the entry is intended; may be repeated.",
-        ),
-    ] = [],  # noqa: B006 - typer copies it
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
-) -> None:
+@app.command("lint")
+@scene_argument
+@click.option(
+    "--allow",
+    multiple=True,
+    metavar="RULE[:NAME]",
+    help="Allow this finding, because the entry is intended; may be repeated.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+def lint_scene(scene: str, allow: Sequence[str], as_json: bool) -> None:
     """List suspicious entries of a scene.
 
     Examples are unused names, dangling nodes and inconsistent units. If there are findings, the
@@ -73,12 +119,12 @@ def lint_scene(
     """
     found = read_scene(scene).lint(allow)
     if as_json:
-        typer.echo(json.dumps([row.to_dict() for row in found], indent=2))
+        click.echo(json.dumps([row.to_dict() for row in found], indent=2))
     else:
         for line in finding_lines(found) or ["nothing suspicious"]:
-            typer.echo(line)
+            click.echo(line)
     if found:
-        raise typer.Exit(1)
+        raise click.exceptions.Exit(1)
 
 
 def warn_of(scene: Scene) -> None:
@@ -93,9 +139,9 @@ def warn_of(scene: Scene) -> None:
     # Only an empty result is cached, because findings contain line numbers, which change.
     found = findings() if cached(("findings", scene), lambda: bool(findings())) else []
     for row in found[:_MOST_WARNINGS]:
-        typer.echo(str(row), err=True)
+        click.echo(str(row), err=True)
     if len(found) > _MOST_WARNINGS:
-        typer.echo(f"{len(found) - _MOST_WARNINGS} more findings: see `cotree lint`", err=True)
+        click.echo(f"{len(found) - _MOST_WARNINGS} more findings: see `cotree lint`", err=True)
 
 
 def finding_lines(found: Sequence[Finding]) -> list[str]:
@@ -114,13 +160,18 @@ def derived_values(model: Model, parameters: Mapping[str, float] | None) -> Valu
     return Values((), rows, "derived parameters", digits=10)
 
 
-@with_options("atol", "initial", rtol=1e-12)
+@app.command("check")
+@scene_argument
+@sensitivity_option
+@end_time_option
+@settings_options("atol", "initial", rtol=1e-12)
+@tree_option
 def check_scene(
-    scene: SceneName,
-    sensitivity: Sensitivity = [],  # noqa: B006
-    t_end: EndTime = None,
-    settings: Any = None,
-    tree: Any = None,
+    scene: str,
+    sensitivity: Sequence[str],
+    t_end: float | None,
+    settings: dict[str, Any],
+    tree: TreeChoice,
 ) -> None:
     """Compare sensitivities with finite differences.
 
@@ -134,58 +185,65 @@ def check_scene(
     names = sensitivity or [row.name for row in described.parameters.values() if row.is_argument]
     if sys.stderr.isatty():
         what = f"{described.name} with {len(names)} sensitivities, then without"
-        typer.echo(f"cotree: compiling {what}", err=True)
+        click.echo(f"cotree: compiling {what}", err=True)
     model = described.compile(names, tree)
     for line in finding_lines(lint(described, is_formed=False)):
-        typer.echo(line)
+        click.echo(line)
     if derived := derived_values(model, values).text():
-        typer.echo(derived)
+        click.echo(derived)
     report = model.check(t_end=t_end, parameters=values, report=_at_once, **settings)
     if not report.passed:
-        raise typer.Exit(1)
+        raise click.exceptions.Exit(1)
 
 
-@with_options("method", "rtol", "atol", "initial", "inputs", time_limit=5.0)
+@app.command("bench")
+@scene_argument
+@sensitivity_option
+@click.option(
+    "--method", multiple=True, help="Method to measure; may be repeated. Default: all methods."
+)
+@click.option(
+    "--tolerance",
+    multiple=True,
+    metavar="RTOL[,ATOL]",
+    help="Tolerances to measure; may be repeated. Default: 1e-3 to 1e-11. Without ATOL, it is a "
+    "hundredth of RTOL.",
+)
+@click.option(
+    "--repeats",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Number of timed runs of each method and tolerance. Default: 25, or 9 with --quick.",
+)
+@end_time_option
+@settings_options("method", "rtol", "atol", "initial", "inputs", time_limit=5.0)
+@click.option(
+    "--budget",
+    type=float,
+    metavar="S",
+    help="Limit of the processor time of all runs, in s. Default: 20, or 4 with --quick.",
+)
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="Measure only the tolerances 1e-3, 1e-6 and 1e-9, with fewer runs.",
+)
+@tree_option
+@click.option("--json", type=PATH, help="Write all results to this JSON file.")
+@plot_option
 def bench_scene(
-    scene: SceneName,
-    sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
-    method: Annotated[
-        list[str], typer.Option(help="Method to measure; may be repeated. Default: all methods.")
-    ] = [],  # noqa: B006
-    tolerance: Annotated[
-        list[str],
-        typer.Option(
-            metavar="RTOL[,ATOL]",
-            help="Tolerances to measure; may be repeated. Default: 1e-3 to 1e-11. Without ATOL, "
-            "it is a hundredth of RTOL.",
-        ),
-    ] = [],  # noqa: B006
-    repeats: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Number of timed runs of each method and tolerance. Default: 25, or 9 with "
-            "--quick.",
-        ),
-    ] = None,
-    t_end: EndTime = None,
-    settings: Any = None,
-    budget: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S",
-            help="Limit of the processor time of all runs, in s. Default: 20, or 4 with --quick.",
-        ),
-    ] = None,
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick", help="Measure only the tolerances 1e-3, 1e-6 and 1e-9, with fewer runs."
-        ),
-    ] = False,
-    tree: Any = None,
-    json: Annotated[Path | None, typer.Option(help="Write all results to this JSON file.")] = None,
-    plot: Plot = None,
+    scene: str,
+    sensitivity: Sequence[str],
+    method: Sequence[str],
+    tolerance: Sequence[str],
+    repeats: int | None,
+    t_end: float | None,
+    settings: dict[str, Any],
+    budget: float | None,
+    quick: bool,
+    tree: TreeChoice,
+    json: Path | None,
+    plot: Path | None,
 ) -> None:
     """Measure all methods on a scene and recommend one.
 
@@ -214,7 +272,7 @@ def bench_scene(
             progress=progress,
             **settings,
         )
-    typer.echo(report.summary())
+    click.echo(report.summary())
     write_file(json, report.to_json)
     write_file(plot, lambda path: save_figure(report.plot(), path))
 
@@ -235,7 +293,7 @@ def _bar() -> Iterator[Callable[[str, float], None]]:
 
 def _at_once(text: str) -> None:
     """Print a line and flush it, for programs that read a pipe."""
-    typer.echo(text)
+    click.echo(text)
     sys.stdout.flush()
 
 
@@ -245,50 +303,54 @@ _EXPLICIT, _IMPLICIT = names_of("cotree", implicit=False), names_of("cotree", im
 _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
 
 
-@with_options()
+@app.command("export")
+@scene_argument
+@click.option(
+    "--output",
+    "-o",
+    type=PATH,
+    required=True,
+    metavar="FILE",
+    help="File to write; its name ends in .fmu.",
+)
+@sensitivity_option
+@tree_option
+@click.option("--version", type=int, default=3, help="Version of the FMI standard: 3 or 2.")
+@click.option(
+    "--kind",
+    multiple=True,
+    metavar="KIND",
+    help="Interface type: me (Model Exchange) or cs (Co-Simulation); may be repeated. Default: "
+    "both.",
+)
+@click.option(
+    "--integrator", help=f"Integrator of Co-Simulation: {_EXPLICIT}; for stiff systems {_IMPLICIT}."
+)
+@click.option(
+    "--outside",
+    multiple=True,
+    metavar="INPUT",
+    help="Input that the importer sets; may be repeated. Default: all inputs that are constant in "
+    "the scene.",
+)
+@click.option(
+    "--platform",
+    multiple=True,
+    metavar="PLATFORM",
+    help="Platform of a library in the FMU: x86_64-linux, aarch64-linux, x86_64-windows, "
+    "x86_64-darwin, aarch64-darwin, or none for sources only; may be repeated. Default: this "
+    "machine.",
+)
 def export_scene(
-    scene: SceneName,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="File to write; its name ends in .fmu."
-        ),
-    ],
-    sensitivity: Sensitivity = [],  # noqa: B006
-    tree: Any = None,
-    version: Annotated[int, typer.Option(help="Version of the FMI standard: 3 or 2.")] = 3,
-    kind: Annotated[
-        list[str],
-        typer.Option(
-            metavar="KIND",
-            help="Interface type: me (Model Exchange) or cs (Co-Simulation); may be repeated. "
-            "Default: both.",
-        ),
-    ] = [],  # noqa: B006
-    integrator: Annotated[
-        str | None,
-        typer.Option(
-            help=f"Integrator of Co-Simulation: {_EXPLICIT}; for stiff systems {_IMPLICIT}."
-        ),
-    ] = None,
-    outside: Annotated[
-        list[str],
-        typer.Option(
-            "--outside",
-            metavar="INPUT",
-            help="Input that the importer sets; may be repeated. Default: all inputs that are "
-            "constant in the scene.",
-        ),
-    ] = [],  # noqa: B006
-    platform: Annotated[
-        list[str],
-        typer.Option(
-            metavar="PLATFORM",
-            help="Platform of a library in the FMU: x86_64-linux, aarch64-linux, "
-            "x86_64-windows, x86_64-darwin, aarch64-darwin, or none for sources only; may "
-            "be repeated. Default: this machine.",
-        ),
-    ] = [],  # noqa: B006
+    scene: str,
+    output: Path,
+    sensitivity: Sequence[str],
+    tree: TreeChoice,
+    version: int,
+    kind: Sequence[str],
+    integrator: str | None,
+    outside: Sequence[str],
+    platform: Sequence[str],
 ) -> None:
     """Write a scene as an FMU for other simulators."""
     if output.suffix.lower() != ".fmu":
@@ -301,52 +363,7 @@ def export_scene(
         output, version, kinds, integrator, inputs=outside or None, platforms=platforms
     )
     where = ", ".join(unit.platforms) or "no platform (sources only)"
-    typer.echo(f"wrote {unit.path}: FMI {unit.version}, {' and '.join(unit.kinds)}, for {where}")
-
-
-#: Commands in the order of the help.
-_ORDER = (
-    "run sweep optimise fit generate export equations graph lint check bench save components new "
-    "scenes"
-)
-
-#: Modules and functions of commands that are imported when needed: by their call or by help.
-_LATER = {
-    "sweep": "sweep.sweep_scene",
-    "optimise": "fitting.optimise_scene",
-    "fit": "fitting.fit_scene",
-    "components": "guide.show_components",
-    "new": "guide.new_scene",
-}
-
-
-class Commands(TyperGroup):
-    """A group of commands, some of which are imported at their first use."""
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all commands."""
-        return _ORDER.split()
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command by name, or None if there is none."""
-        if cmd_name in _LATER and cmd_name not in self.commands:
-            module, _, function = _LATER[cmd_name].partition(".")
-            alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-            alone.command(cmd_name)(getattr(import_module(f"cotree.cli.{module}"), function))
-            self.commands[cmd_name] = get_command(alone)
-        return super().get_command(ctx, cmd_name)
-
-
-app = typer.Typer(
-    name="cotree",
-    cls=Commands,
-    help="Simulate mechanisms, circuits and processes by generated C code, with exact "
-    "sensitivities.",
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
+    click.echo(f"wrote {unit.path}: FMI {unit.version}, {' and '.join(unit.kinds)}, for {where}")
 
 
 #: Error numbers of a full output device: disk full, quota exceeded, file too large, I/O error.
@@ -362,18 +379,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with warnings_in_one_line():
             try:
-                app(args=None if arguments is None else list(arguments), prog_name="cotree")
+                code: int | None = app.main(arguments, "cotree", standalone_mode=False)
             finally:
                 if sys.stdout is not None:  # the process may start with a closed output
                     sys.stdout.flush()
     except SystemExit as stop:
-        # Typer raises SystemExit even on success. A text as exit code is a failure.
+        # Click raises SystemExit if a pipe is closed. A text as exit code is a failure.
         return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
     # Any other exception is a defect of cotree and keeps its traceback.
     except Error as error:
         print_error(str(error))
         return 2
-    except KeyboardInterrupt:
+    except (click.Abort, KeyboardInterrupt):  # Click raises Abort at Ctrl-C
         return INTERRUPTED
     except OSError as error:
         if error.errno not in _FULL:
@@ -381,66 +401,51 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print_error(f"the output cannot be written: {error.strerror}")
         sys.stdout = None  # otherwise Python would try to flush stdout when it exits
         return 2
-    return 0
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"cotree {VERSION}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    # An eager option such as --version does not require a command.
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-    base: Annotated[
-        str, typer.Option(help="Base of a URDF robot: fixed (to the ground) or free.")
-    ] = "fixed",
-    mimic: Annotated[
-        bool, typer.Option(help="Whether mimic joints of a URDF robot follow their leaders.")
-    ] = True,
-) -> None:
-    read_robots_with(base, mimic)
+    return code or 0
 
 
 @app.command("run")
-@with_options()
+@scene_argument
+@sensitivity_option
+@end_time_option
+@settings_options()
+@tree_option
+@csv_option
+@plot_option
+@click.option(
+    "--show",
+    multiple=True,
+    metavar="NAME",
+    help="Quantity that --plot draws: a state, output, input or d(STATE)/d(PARAMETER); may be "
+    "repeated. Default: all coordinates.",
+)
+@click.option(
+    "--animate",
+    type=PATH,
+    help="Write an animation to this file: .html or .gif. If nothing moves in space, write curves "
+    "instead.",
+)
+@click.option(
+    "--trust-paths", is_flag=True, help="Also read mesh files outside the folder of the robot."
+)
+@click.option(
+    "--points",
+    type=click.IntRange(2),
+    metavar="N",
+    help="Number of evenly spaced output times. Default: the steps of the solver.",
+)
 def run_scene(
-    scene: SceneName,
-    sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
-    t_end: EndTime = None,
-    settings: Any = None,
-    tree: Any = None,
-    csv: Csv = None,
-    plot: Plot = None,
-    show: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME",
-            help="Quantity that --plot draws: a state, output, input or d(STATE)/d(PARAMETER); "
-            "may be repeated. Default: all coordinates.",
-        ),
-    ] = [],  # noqa: B006
-    animate: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write an animation to this file: .html or .gif. If nothing moves in space, "
-            "write curves instead."
-        ),
-    ] = None,
-    trust_paths: Annotated[
-        bool,
-        typer.Option("--trust-paths", help="Also read mesh files outside the folder of the robot."),
-    ] = False,
-    points: Annotated[
-        int | None,
-        typer.Option(
-            min=2, help="Number of evenly spaced output times. Default: the steps of the solver."
-        ),
-    ] = None,
+    scene: str,
+    sensitivity: Sequence[str],
+    t_end: float | None,
+    settings: dict[str, Any],
+    tree: TreeChoice,
+    csv: Path | None,
+    plot: Path | None,
+    show: Sequence[str],
+    animate: Path | None,
+    trust_paths: bool,
+    points: int | None,
 ) -> None:
     """Simulate a scene and print its final state and sensitivities."""
     from cotree.solvers.engine import build_ahead
@@ -449,7 +454,7 @@ def run_scene(
     check_folder(csv)
     check_picture(plot)
     if show and plot is None and animate is None:
-        raise typer.BadParameter("--show selects the curves of a plot: also give --plot FILE")
+        raise click.BadParameter("--show selects the curves of a plot: also give --plot FILE")
     described = read_scene(scene, settings)
     is_moving = check_animated(animate, described)
     warn_of(described)
@@ -468,45 +473,53 @@ def run_scene(
     # A failed run has already been reported by a warning, so its first part is skipped.
     parts = result.report().parts[0 if result.success else 1 :]
     title = f"{described.headline}; {len(model.states)} states, {kernels}"
-    typer.echo(Report(title, *parts, derived_values(model, settings["parameters"])).text())
+    click.echo(Report(title, *parts, derived_values(model, settings["parameters"])).text())
     write_file(csv, result.to_csv)
     write_file(plot, lambda path: draw_run(model, result, path, settings, show))
     if is_moving:
         write_file(animate, result.animate(trust_paths=trust_paths).save)
     elif animate is not None:
         draw_curves(result, animate, show)
-        typer.echo(f"wrote {animate}: nothing moves in space here, so it shows curves over time")
+        click.echo(f"wrote {animate}: nothing moves in space here, so it shows curves over time")
     # Write files even if the run failed.
     if not result.success:
-        raise typer.Exit(1)
+        raise click.exceptions.Exit(1)
 
 
 @app.command("generate")
-@with_options()
+@scene_argument
+@click.option("--output", "-o", type=PATH, required=True, metavar="DIR", help="Folder to write.")
+@sensitivity_option
+@tree_option
+@click.option(
+    "--integrator",
+    default="dopri5",
+    help=f"Integrator: {_EXPLICIT}; for stiff systems {_IMPLICIT}; with a fixed step "
+    "size rk4, euler. Separate several by commas.",
+)
+@click.option("--step", type=float, metavar="SECONDS", help="Step size of rk4 and euler, in s.")
+@click.option("--real", default="double", help="Floating-point type: double or float.")
+@click.option(
+    "--prefix",
+    default="",
+    show_default=False,
+    help="Prefix of all names in C. Default: the name of the scene.",
+)
+@click.option("--cpp", is_flag=True, help="Also write a header for C++.")
+@click.option(
+    "--single-file", is_flag=True, help="Write one header and one source instead of a project."
+)
 def generate_project(
-    scene: SceneName,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write.")],
-    sensitivity: Sensitivity = [],  # noqa: B006
-    tree: Any = None,
-    integrator: Annotated[
-        str,
-        typer.Option(
-            help=f"Integrator: {_EXPLICIT}; for stiff systems {_IMPLICIT}; with a fixed step "
-            "size rk4, euler. Separate several by commas."
-        ),
-    ] = "dopri5",
-    step: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Step size of rk4 and euler, in s.")
-    ] = None,
-    real: Annotated[str, typer.Option(help="Floating-point type: double or float.")] = "double",
-    prefix: Annotated[
-        str, typer.Option(help="Prefix of all names in C. Default: the name of the scene.")
-    ] = "",
-    cpp: Annotated[bool, typer.Option("--cpp", help="Also write a header for C++.")] = False,
-    single_file: Annotated[
-        bool,
-        typer.Option("--single-file", help="Write one header and one source instead of a project."),
-    ] = False,
+    scene: str,
+    output: Path,
+    sensitivity: Sequence[str],
+    tree: TreeChoice,
+    integrator: str,
+    step: float | None,
+    real: str,
+    prefix: str,
+    cpp: bool,
+    single_file: bool,
 ) -> None:
     """Write a C project that simulates a scene without Python."""
     model = read_scene(scene).compile(sensitivity, tree)
@@ -514,54 +527,45 @@ def generate_project(
         output, integrator, step, real=real, prefix=prefix, cpp=cpp, single_file=single_file
     )
     for file in project.files:
-        typer.echo(f"wrote {file}")
-    typer.echo(f"build it there with: {project.command}")
-
-
-app.command("export")(export_scene)
+        click.echo(f"wrote {file}")
+    click.echo(f"build it there with: {project.command}")
 
 
 @app.command("equations")
-@with_options()
+@scene_argument
+@sensitivity_option
+@tree_option
+@click.option("--latex", is_flag=True, help="Print the equations as LaTeX.")
+@click.option("--steps", is_flag=True, help="Print all steps from the graph to the equations.")
 def show_equations(
-    scene: SceneName,
-    sensitivity: Sensitivity = [],  # noqa: B006
-    tree: Any = None,
-    latex: Annotated[bool, typer.Option("--latex", help="Print the equations as LaTeX.")] = False,
-    steps: Annotated[
-        bool, typer.Option("--steps", help="Print all steps from the graph to the equations.")
-    ] = False,
+    scene: str, sensitivity: Sequence[str], tree: TreeChoice, latex: bool, steps: bool
 ) -> None:
     """Print the governing and sensitivity equations of a scene."""
     described = read_scene(scene)
     if steps and latex:
-        raise typer.BadParameter("give --latex or --steps, not both")
+        raise click.BadParameter("give --latex or --steps, not both")
     if steps:
         from cotree.export.steps import formulation_steps
         from cotree.pipeline import formulate
 
         first, formed, _ = formulate(described, sensitivity, tree)
-        typer.echo(formulation_steps(first, formed), nl=False)
+        click.echo(formulation_steps(first, formed), nl=False)
         return
     equations = described.equations(sensitivity, tree)
-    typer.echo(equations.latex() if latex else str(equations))
+    click.echo(equations.latex() if latex else str(equations))
 
 
 @app.command("graph")
-@with_options()
-def show_graph(
-    scene: SceneName,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="Draw the graphs to this file: .svg, .png or .pdf.",
-        ),
-    ] = None,
-    tree: Any = None,
-) -> None:
+@scene_argument
+@click.option(
+    "--output",
+    "-o",
+    type=PATH,
+    metavar="FILE",
+    help="Draw the graphs to this file: .svg, .png or .pdf.",
+)
+@tree_option
+def show_graph(scene: str, output: Path | None, tree: TreeChoice) -> None:
     """Print or draw the linear graphs of a scene.
 
     The text also contains the trees and the matrices of f-cutsets and f-circuits.
@@ -569,26 +573,22 @@ def show_graph(
     check_picture(output)
     report = read_scene(scene).graph(tree)
     if output is None:
-        typer.echo(report.summary().rstrip())
+        click.echo(report.summary().rstrip())
         return
     write_file(output, report.save)
 
 
-app.command("lint")(lint_scene)
-app.command("check")(check_scene)
-app.command("bench")(bench_scene)
-
-
 @app.command("save")
-def save_scene(
-    scene: SceneName,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="File to write; its name ends in .toml."
-        ),
-    ],
-) -> None:
+@scene_argument
+@click.option(
+    "--output",
+    "-o",
+    type=PATH,
+    required=True,
+    metavar="FILE",
+    help="File to write; its name ends in .toml.",
+)
+def save_scene(scene: str, output: Path) -> None:
     """Convert a scene of any format to a TOML scene file."""
     write_file(output, read_scene(scene).save)
 
@@ -600,7 +600,7 @@ def list_scenes() -> None:
     from cotree.scene.toml_file import shipped_scenes
 
     for name in shipped_scenes():
-        typer.echo(load(name).headline)
+        click.echo(load(name).headline)
 
 
 if __name__ == "__main__":

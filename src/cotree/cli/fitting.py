@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003 - typer reads the annotations
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from cotree.cli.options import (
     INTERRUPTED,
-    Csv,
-    EndTime,
-    Plot,
-    SceneName,
+    PATH,
     check_folder,
     check_picture,
+    csv_option,
+    end_time_option,
+    plot_option,
     print_error,
     read_numbers,
     read_pairs,
     read_scene,
-    with_options,
+    scene_argument,
+    settings_options,
     write_file,
 )
 from cotree.errors import ParameterError, SolveError, brief
@@ -28,103 +28,111 @@ from cotree.scene.settings import STEPS_OF_FIT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
 
-@with_options(
+@click.command("fit")
+@scene_argument
+@click.argument("more", nargs=-1, metavar="[NAME[=RANGE]]...", help="Further values of --estimate.")
+@click.option(
+    "--data",
+    multiple=True,
+    type=PATH,
+    metavar="FILE",
+    help="CSV file with the measurements of one experiment and a column t or time; may be "
+    "repeated.",
+)
+@click.option(
+    "--estimate",
+    "-e",
+    multiple=True,
+    metavar="NAME[=RANGE]",
+    help="Parameter to estimate, or state whose initial value to estimate; may be repeated. "
+    "k=10:100:log sets bounds and a scale (lin, log or log10). Default bounds: a hundredth and a "
+    "hundred times the value in the scene.",
+)
+@click.option(
+    "--observe",
+    multiple=True,
+    metavar="COLUMN=EXPRESSION",
+    help="Quantity that a column measures, as an expression of states and outputs; may be "
+    "repeated. Default: the state or output with the name of the column.",
+)
+@click.option(
+    "--noise",
+    multiple=True,
+    metavar="[COLUMN=]VALUE",
+    help="Standard deviation of the noise of one column or of all columns: a number in the unit "
+    "of the column, another column, or an expression; may be repeated. Default: estimated.",
+)
+@click.option(
+    "--unit",
+    multiple=True,
+    metavar="COLUMN=UNIT",
+    help="Unit of a column whose name contains no unit, such as 'v [mV]'; may be repeated.",
+)
+@click.option(
+    "--time", metavar="COLUMN", help="Column that contains the times. Default: t or time."
+)
+@click.option(
+    "--start",
+    multiple=True,
+    metavar="NAME=NUMBER",
+    help="Initial guess; may be repeated. Default: the value in the scene.",
+)
+@click.option(
+    "--per-experiment",
+    multiple=True,
+    metavar="NAME",
+    help="Parameter with a separate estimate for each --data file; may be repeated.",
+)
+@click.option(
+    "--loss",
+    default="linear",
+    help="Loss function: linear, or one that reduces the influence of outliers (soft_l1, huber, "
+    "cauchy, arctan).",
+)
+@click.option(
+    "--starts",
+    type=click.IntRange(1),
+    metavar="N",
+    default=20,
+    help="Number of starting points of the optimiser.",
+)
+@click.option(
+    "--seed", type=int, default=0, metavar="N", help="Seed of the random starting points."
+)
+@settings_options(
     max_steps=STEPS_OF_FIT,
     inputs="Replace an input by a number or an expression; may be repeated. --set or --estimate "
     "specifies new names in the expression. A data column with the name of an input replaces it, "
     "too.",
 )
+@click.option(
+    "--plot",
+    type=PATH,
+    help="Draw data, fitted curves and residuals to this file: .svg, .png or .pdf.",
+)
+@click.option(
+    "--output", "-o", type=PATH, metavar="FILE", help="Write the result to this JSON file."
+)
 def fit_scene(
-    scene: SceneName,
-    more: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[NAME[=RANGE]]...", help="Further values of --estimate."),
-    ] = None,
-    data: Annotated[
-        list[Path],
-        typer.Option(
-            metavar="FILE",
-            help="CSV file with the measurements of one experiment and a column t or time; may "
-            "be repeated.",
-        ),
-    ] = [],  # noqa: B006 - typer copies it
-    estimate: Annotated[
-        list[str],
-        typer.Option(
-            "--estimate",
-            "-e",
-            metavar="NAME[=RANGE]",
-            help="Parameter to estimate, or state whose initial value to estimate; may be "
-            "repeated. k=10:100:log sets bounds and a scale (lin, log or log10). Default "
-            "bounds: a hundredth and a hundred times the value in the scene.",
-        ),
-    ] = [],  # noqa: B006
-    observe: Annotated[
-        list[str],
-        typer.Option(
-            metavar="COLUMN=EXPRESSION",
-            help="Quantity that a column measures, as an expression of states and outputs; may "
-            "be repeated. Default: the state or output with the name of the column.",
-        ),
-    ] = [],  # noqa: B006
-    noise: Annotated[
-        list[str],
-        typer.Option(
-            metavar="[COLUMN=]VALUE",
-            help="Standard deviation of the noise of one column or of all columns: a number in "
-            "the unit of the column, another column, or an expression; may be repeated. "
-            "Default: estimated.",
-        ),
-    ] = [],  # noqa: B006
-    unit: Annotated[
-        list[str],
-        typer.Option(
-            metavar="COLUMN=UNIT",
-            help="Unit of a column whose name contains no unit, such as 'v [mV]'; may be repeated.",
-        ),
-    ] = [],  # noqa: B006
-    time: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMN", help="Column that contains the times. Default: t or time."),
-    ] = None,
-    start: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME=NUMBER",
-            help="Initial guess; may be repeated. Default: the value in the scene.",
-        ),
-    ] = [],  # noqa: B006
-    per_experiment: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME",
-            help="Parameter with a separate estimate for each --data file; may be repeated.",
-        ),
-    ] = [],  # noqa: B006
-    loss: Annotated[
-        str,
-        typer.Option(
-            help="Loss function: linear, or one that reduces the influence of outliers "
-            "(soft_l1, huber, cauchy, arctan)."
-        ),
-    ] = "linear",
-    starts: Annotated[
-        int, typer.Option(min=1, help="Number of starting points of the optimiser.")
-    ] = 20,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the random starting points.")] = 0,
-    settings: Any = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Draw data, fitted curves and residuals to this file: .svg, .png or .pdf."
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Write the result to this JSON file."),
-    ] = None,
+    scene: str,
+    more: Sequence[str],
+    data: Sequence[Path],
+    estimate: Sequence[str],
+    observe: Sequence[str],
+    noise: Sequence[str],
+    unit: Sequence[str],
+    time: str | None,
+    start: Sequence[str],
+    per_experiment: Sequence[str],
+    loss: str,
+    starts: int,
+    seed: int,
+    settings: dict[str, Any],
+    plot: Path | None,
+    output: Path | None,
 ) -> None:
     """Estimate parameters of a scene from measurements.
 
@@ -165,15 +173,15 @@ def fit_scene(
         )
     except SolveError as error:
         print_error(str(error))
-        raise typer.Exit(1) from None
-    typer.echo(str(result))
+        raise click.exceptions.Exit(1) from None
+    click.echo(str(result))
     write_file(output, result.to_json)
     write_file(plot, lambda path: save_figure(result.plot(), path))
     if any(row.message.startswith("interrupted") for row in result.starts):
-        raise typer.Exit(INTERRUPTED)
+        raise click.exceptions.Exit(INTERRUPTED)
     # Print the estimates even if the optimiser did not converge.
     if not result.starts[0].is_converged:
-        raise typer.Exit(1)
+        raise click.exceptions.Exit(1)
 
 
 def _ranges(texts: Sequence[str]) -> dict[str, Any]:
@@ -216,48 +224,60 @@ def _noise(texts: Sequence[str]) -> Any:
     return number_or_text(alone[0])
 
 
-@with_options()
+@click.command("optimise")
+@scene_argument
+@click.option(
+    "--minimise",
+    required=True,
+    metavar="GOAL",
+    help="Objective to minimise, such as integral(x**2), maximum(P) or end(j.s) + L. A plain name "
+    "is the value at the end. Also at(TIME, x), start, mean, minimum and time(EVENT).",
+)
+@click.option(
+    "--over",
+    multiple=True,
+    required=True,
+    metavar="NAME=LOW:HIGH[:log]",
+    help="Parameter to vary, or state whose initial value to vary, with bounds; may be repeated.",
+)
+@click.option(
+    "--subject-to",
+    multiple=True,
+    metavar="CONDITION",
+    help="Constraint with <=, >= or ==; may be repeated.",
+)
+@click.option(
+    "--guess",
+    multiple=True,
+    metavar="NAME=NUMBER",
+    help="Initial guess; may be repeated. Default: the value in the scene.",
+)
+@click.option(
+    "--starts",
+    type=click.IntRange(1),
+    metavar="N",
+    default=1,
+    help="Number of starting points of the search.",
+)
+@click.option("--seed", type=int, default=0, help="Seed of the random starting points.")
+@click.option("--optimiser", default="slsqp", help="Method of SciPy: slsqp or trust-constr.")
+@end_time_option
+@settings_options()
+@csv_option
+@plot_option
 def optimise_scene(
-    scene: SceneName,
-    minimise: Annotated[
-        str,
-        typer.Option(
-            metavar="GOAL",
-            help="Objective to minimise, such as integral(x**2), maximum(P) or end(j.s) + L. A "
-            "plain name is the value at the end. Also at(TIME, x), start, mean, minimum "
-            "and time(EVENT).",
-        ),
-    ],
-    over: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME=LOW:HIGH[:log]",
-            help="Parameter to vary, or state whose initial value to vary, with bounds; may be "
-            "repeated.",
-        ),
-    ],
-    subject_to: Annotated[
-        list[str],
-        typer.Option(metavar="CONDITION", help="Constraint with <=, >= or ==; may be repeated."),
-    ] = [],  # noqa: B006 - typer copies it
-    guess: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME=NUMBER",
-            help="Initial guess; may be repeated. Default: the value in the scene.",
-        ),
-    ] = [],  # noqa: B006
-    starts: Annotated[
-        int, typer.Option(min=1, help="Number of starting points of the search.")
-    ] = 1,
-    seed: Annotated[int, typer.Option(help="Seed of the random starting points.")] = 0,
-    optimiser: Annotated[
-        str, typer.Option(help="Method of SciPy: slsqp or trust-constr.")
-    ] = "slsqp",
-    t_end: EndTime = None,
-    settings: Any = None,
-    csv: Csv = None,
-    plot: Plot = None,
+    scene: str,
+    minimise: str,
+    over: Sequence[str],
+    subject_to: Sequence[str],
+    guess: Sequence[str],
+    starts: int,
+    seed: int,
+    optimiser: str,
+    t_end: float | None,
+    settings: dict[str, Any],
+    csv: Path | None,
+    plot: Path | None,
 ) -> None:
     """Minimise an objective subject to constraints.
 
@@ -287,7 +307,7 @@ def optimise_scene(
         solver=method,
         **settings,
     )
-    typer.echo(found.summary())
+    click.echo(found.summary())
     if csv is not None or plot is not None:
         from cotree.cli.picture import draw_run
 
@@ -302,4 +322,4 @@ def optimise_scene(
         write_file(csv, run.to_csv)
         write_file(plot, lambda path: draw_run(model, run, path, settings))
     if not found.success:
-        raise typer.Exit(1)
+        raise click.exceptions.Exit(1)

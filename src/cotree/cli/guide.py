@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from cotree.cli.options import check_folder
 from cotree.errors import SceneError, nearest
@@ -30,18 +30,15 @@ TEMPLATES = {
 }
 
 
-def show_components(
-    name: Annotated[
-        str | None,
-        typer.Argument(metavar="NAME", help="Component or part to describe. Default: list all."),
-    ] = None,
-) -> None:
+@click.command("components")
+@click.argument("name", required=False, help="Component or part to describe. Default: list all.")
+def show_components(name: str | None) -> None:
     """List components and parts, or describe one.
 
     A description contains the nodes, the fields and an example.
     """
     if name is not None:
-        typer.echo(_describe(name))
+        click.echo(_describe(name))
         return
     from cotree.components import COMPONENTS
     from cotree.scene.toml_file import shipped_parts
@@ -50,7 +47,7 @@ def show_components(
     parts = [(name, _about(_text(name))) for name in shipped_parts()]
     hint = "cotree components NAME shows nodes, fields and an example of one."
     tables = Table(("component", "graphs", "meaning"), rows), Table(("part", "meaning"), parts)
-    typer.echo(Report("", *tables, hint).text())
+    click.echo(Report("", *tables, hint).text())
 
 
 def _graphs(domains: Iterable[str]) -> str:
@@ -112,31 +109,26 @@ def _indented(text: str) -> str:
     return "\n".join(f"    {line}".rstrip() for line in text.splitlines())
 
 
-def new_scene(
-    name: Annotated[
-        str | None,
-        typer.Argument(metavar="NAME", help="Name of the scene, or path of its .toml file."),
-    ] = None,
-    like: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TEMPLATE",
-            help="Template to copy, one of those that --list prints. Default: mechanism.",
-        ),
-    ] = None,
-    list_: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
-) -> None:
+@click.command("new")
+@click.argument("name", required=False, help="Name of the scene, or path of its .toml file.")
+@click.option(
+    "--like",
+    metavar="TEMPLATE",
+    help="Template to copy, one of those that --list prints. Default: mechanism.",
+)
+@click.option("--list", "list_", is_flag=True, help="List the templates.")
+def new_scene(name: str | None, like: str | None, list_: bool) -> None:
     """Write a copy of a shipped scene as a starting point."""
     from cotree.naming import check_scene_name
     from cotree.scene.toml_file import shipped_parts
 
     if list_:
         rows = [(short, scene, _about(_text(scene))) for short, scene in TEMPLATES.items()]
-        typer.echo(Table(("template", "scene", "what it is"), rows).text())
-        typer.echo("\ncotree new NAME --like TEMPLATE writes NAME.toml.")
+        click.echo(Table(("template", "scene", "what it is"), rows).text())
+        click.echo("\ncotree new NAME --like TEMPLATE writes NAME.toml.")
         return
     if name is None:
-        raise typer.BadParameter("name the scene, as in: cotree new arm --like robot")
+        raise click.BadParameter("name the scene, as in: cotree new arm --like robot")
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     # Without --like, the file name may be that of a template: ``cotree new robot``.
     wanted = like or (path.stem if path.stem in TEMPLATES else "mechanism")
@@ -152,12 +144,12 @@ def new_scene(
     except OSError as error:
         raise SceneError(f"cannot write '{path}': {error.strerror}") from None
     picture = path.with_suffix(".svg")
-    typer.echo(f"wrote {path}, from '{_shipped(wanted)}': {_about(text)}")
+    click.echo(f"wrote {path}, from '{_shipped(wanted)}': {_about(text)}")
     step = f"cotree run {path} --plot {picture}"
     if _shipped(wanted) in shipped_parts():
         step = f'name it in another scene, [parts.x] with scene = "{path.name}"'
-    typer.echo(f"next: {step}")
-    typer.echo("cotree components lists what scenes are made of.")
+    click.echo(f"next: {step}")
+    click.echo("cotree components lists what scenes are made of.")
 
 
 def _shipped(template: str) -> str:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import warnings
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import typer
+import click
 
 from cotree.errors import ParameterError, SceneError, TopologyError, brief
 from cotree.files import check_parent
@@ -128,85 +126,62 @@ def check_animated(path: Path | None, scene: Scene) -> bool:
     return bool(scene.mechanics.edges)
 
 
-_Command = TypeVar("_Command", bound="Callable[..., None]")
+_Command = TypeVar("_Command", bound="Callable[..., Any]")
 
-SceneName = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        help="Name of a shipped scene, or path of a TOML, URDF, SPICE or SBML file.",
-    ),
-]
-Sensitivity = Annotated[
-    list[str],
-    typer.Option(
-        "--sensitivity",
-        "-s",
-        metavar="NAME",
-        help="Compute sensitivities to this parameter, or to the initial value of this "
-        "state; may be repeated.",
-    ),
-]
-_Tree = Annotated[
-    list[str],
-    typer.Option(
-        "--tree",
-        metavar="EDGES",
-        help="Branches of the tree, such as j1,h2. For different trees of the two graphs, "
-        "repeat the option: translation=... and rotation=...",
-    ),
-]
-EndTime = Annotated[
-    float | None,
-    typer.Option("--t-end", metavar="S", help="End time in s. Default: from the scene."),
-]
-Plot = Annotated[Path | None, typer.Option(help="Draw curves to this file: .svg, .png or .pdf.")]
-Csv = Annotated[
-    Path | None,
-    typer.Option(help="Write all states, outputs, inputs and sensitivities to this CSV file."),
-]
+#: Type of options that name a file or a folder.
+PATH = click.Path(path_type=Path)
+
+scene_argument = click.argument(
+    "scene",
+    metavar="SCENE",
+    help="Name of a shipped scene, or path of a TOML, URDF, SPICE or SBML file.",
+)
+sensitivity_option = click.option(
+    "--sensitivity",
+    "-s",
+    multiple=True,
+    metavar="NAME",
+    help="Compute sensitivities to this parameter, or to the initial value of this state; may be "
+    "repeated.",
+)
+tree_option = click.option(
+    "--tree",
+    multiple=True,
+    metavar="EDGES",
+    callback=lambda _, __, texts: read_tree(texts),
+    help="Branches of the tree, such as j1,h2. For different trees of the two graphs, repeat the "
+    "option: translation=... and rotation=...",
+)
+end_time_option = click.option(
+    "--t-end", type=float, metavar="S", help="End time in s. Default: from the scene."
+)
+plot_option = click.option(
+    "--plot", type=PATH, help="Draw curves to this file: .svg, .png or .pdf."
+)
+csv_option = click.option(
+    "--csv", type=PATH, help="Write all states, outputs, inputs and sensitivities to this CSV file."
+)
 
 
-def with_options(*leave: str, **helps: float | str) -> Callable[[_Command], _Command]:
-    """Return a decorator that adds options for a command's arguments ``settings`` and ``tree``.
+def settings_options(*leave: str, **helps: float | str) -> Callable[[_Command], _Command]:
+    """Return a decorator that adds an option for each setting of runs that has a help text.
 
-    ``settings``, a dict of the options that were set, is replaced by options for all settings of
-    runs that have a help text, except those in ``leave``; ``helps`` replaces help texts or
-    defaults. ``tree`` is replaced by ``--tree``.
+    The command receives the settings that were set as its argument ``settings``, a dict.
+    Settings in ``leave`` get no option; ``helps`` replaces help texts or defaults.
     """
-    rows = {name: row for name, row in ROWS.items() if row.option and name not in leave}
-    shared = {"settings": [_parameter(name, row, helps.get(name)) for name, row in rows.items()]}
-    shared["tree"] = [_keyword("tree", _Tree, [])]
+    rows = [(name, row) for name, row in ROWS.items() if row.option and name not in leave]
 
     def decorate(command: _Command) -> _Command:
-        hints, listed = get_type_hints(command, include_extras=True), []
-        for name, own in inspect.signature(command).parameters.items():
-            listed += shared.get(name) or [own.replace(annotation=hints[name])]
-
-        @functools.wraps(command)
-        def run(**options: Any) -> None:
-            if "settings" in hints:
-                given = {name: options.pop(name) for name in rows}
-                options["settings"] = {
-                    name: _read(name, value) for name, value in given.items() if value is not None
-                }
-            if "tree" in hints:
-                options["tree"] = read_tree(options["tree"])
-            command(**options)
-
-        run.__signature__ = inspect.Signature(listed)  # type: ignore[attr-defined]
-        run.__annotations__ = {option.name: option.annotation for option in listed}
-        return run  # type: ignore[return-value]
+        for name, row in reversed(rows):  # Click lists the option of the last decorator first
+            command = _option(name, row, helps.get(name))(command)
+        return command
 
     return decorate
 
 
-def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
-    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    return inspect.Parameter(name, kind, default=default, annotation=annotation)
-
-
-def _parameter(name: str, row: SettingRow, help_: float | str | None) -> inspect.Parameter:
+def _option(
+    name: str, row: SettingRow, help_: float | str | None
+) -> Callable[[_Command], _Command]:
     """Return the command-line option for a setting."""
     text, value = row.option, getattr(Settings, name, None)
     if isinstance(help_, str):
@@ -214,12 +189,16 @@ def _parameter(name: str, row: SettingRow, help_: float | str | None) -> inspect
     elif help_ is not None:
         value = help_
         text = text if "{" in text else f"{text} Default: {{:g}}."
-    names = [row.flag] if row.flag else []
-    option = typer.Option(*names, metavar=row.metavar, help=text.format(value))
-    if name in _READERS:
-        return _keyword(name, Annotated[list[str], option], [])
-    kind = str if name == "method" else float
-    return _keyword(name, Annotated[kind | None, option], None)
+    return click.option(
+        row.flag or f"--{name.replace('_', '-')}",
+        name,
+        type=str if name == "method" or name in _READERS else float,
+        multiple=name in _READERS,
+        metavar=row.metavar,
+        help=text.format(value),
+        callback=_store,
+        expose_value=False,
+    )
 
 
 _READERS: dict[str, Callable[[str, Sequence[str]], dict[str, Any]]] = {
@@ -229,10 +208,14 @@ _READERS: dict[str, Callable[[str, Sequence[str]], dict[str, Any]]] = {
 }
 
 
-def _read(name: str, value: Any) -> Any:
-    """Parse the value of a setting; options for mappings may be repeated."""
-    read = _READERS.get(name)
-    return read(ROWS[name].flag or f"--{name}", value) if read else value
+def _store(context: click.Context, option: click.Parameter, value: Any) -> None:
+    """Add the value of an option to the command's settings; options for mappings are repeated."""
+    settings = context.params.setdefault("settings", {})
+    name = str(option.name)
+    if name in _READERS:
+        settings[name] = _READERS[name](option.opts[0], value)
+    elif value is not None:
+        settings[name] = value
 
 
 #: Values of ``base`` and ``mimic`` on the current command line.
@@ -262,7 +245,7 @@ def read_scene(
     else:
         scene = load(source)
     for note in scene.origin.notes if scene.origin is not None else ():
-        typer.echo(f"cotree: note: {' '.join(note.split())}", err=True)
+        click.echo(f"cotree: note: {' '.join(note.split())}", err=True)
     if settings is None or not (inputs := settings.pop("inputs")):
         return scene
     from cotree.scene.variants import new_names
@@ -277,7 +260,7 @@ def write_file(path: Path | None, write: Callable[[Path], object]) -> None:
     """Write the file that an option names, if any, and print its name."""
     if path is not None:
         write(path)
-        typer.echo(f"wrote {path}")
+        click.echo(f"wrote {path}")
 
 
 #: Exit code of a command that Ctrl-C interrupts, as in shells.
@@ -286,7 +269,7 @@ INTERRUPTED = 130
 
 def print_error(sentence: str) -> None:
     """Print a sentence on one line of standard error."""
-    typer.echo(f"cotree: {' '.join(sentence.split())}", err=True)
+    click.echo(f"cotree: {' '.join(sentence.split())}", err=True)
 
 
 @contextmanager

@@ -5,21 +5,23 @@ from __future__ import annotations
 import io
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
+import click
 import numpy as np
-import typer
 
 from cotree.cli.options import (
     INTERRUPTED,
-    EndTime,
-    SceneName,
-    Sensitivity,
+    PATH,
     check_picture,
+    end_time_option,
     print_error,
     read_pairs,
     read_scene,
-    with_options,
+    scene_argument,
+    sensitivity_option,
+    settings_options,
+    tree_option,
     write_file,
 )
 from cotree.errors import Error, ParameterError, brief, nearest
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.api import Model
+    from cotree.scene.graphs import TreeChoice
 
 
 _GRID = "--grid L=0.8:1.2:11, --grid k=1:1000:7:log or --grid k=40,50,60"
@@ -142,103 +145,111 @@ def _table(path: Path) -> Any:
     return table.set_index("member") if "member" in table.columns else table
 
 
-@with_options()
+@click.command("sweep")
+@scene_argument
+@click.option(
+    "--grid",
+    multiple=True,
+    metavar="NAME=VALUES",
+    help="Axis of a grid, for a parameter or the initial value of a state: L=0.8:1.2:11 for 11 "
+    "values, k=1:1000:7:log for logarithmic spacing, or k=40,50,60; may be repeated.",
+)
+@click.option(
+    "--sample",
+    multiple=True,
+    metavar="NAME=KIND:NUMBERS",
+    help="Distribution from which values are drawn: uniform:low:high, loguniform:low:high, "
+    "triangular:low:mode:high, normal:mean:deviation, truncated:mean:deviation:low:high, "
+    "lognormal:median:factor, or relative:fraction of the value in the scene; may be repeated.",
+)
+@click.option(
+    "--members",
+    metavar="N|FILE",
+    help="Number of members that --sample draws, or a CSV file with one row for each member and "
+    "one column for each name.",
+)
+@click.option(
+    "--seed", type=int, metavar="N", help="Seed of --sample. Equal seeds draw equal members."
+)
+@click.option("--sampling", help="Sampling method of --sample: sobol, latin, halton or random.")
+@click.option("--file", "-o", type=PATH, help="Write all results to this file: .nc, .zarr or .csv.")
+@sensitivity_option
+@click.option(
+    "--output",
+    multiple=True,
+    metavar="NAME",
+    help="Output to compute; may be repeated. Default: all outputs.",
+)
+@end_time_option
+@click.option(
+    "--points",
+    type=click.IntRange(2),
+    metavar="N",
+    default=101,
+    help="Number of evenly spaced output times.",
+)
+@settings_options()
+@tree_option
+@click.option(
+    "--threads",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Number of threads. Default: the number of processors.",
+)
+@click.option(
+    "--lanes",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Number of members that are integrated together in vectors; 1 turns this off.",
+)
+@click.option(
+    "--store",
+    type=PATH,
+    help="Save results to this folder during the computation. An interrupted sweep resumes from "
+    "it.",
+)
+@click.option(
+    "--on-error",
+    default="keep",
+    metavar="keep|raise",
+    help="If a member fails: keep the other members (its values are nan), or raise an error.",
+)
+@click.option(
+    "--plot",
+    type=PATH,
+    help="Draw the results to this file (.svg, .png or .pdf): curves for a grid with one axis, "
+    "heat maps for a grid with two axes, otherwise bands.",
+)
+@click.option(
+    "--show",
+    multiple=True,
+    metavar="NAME",
+    help="Quantity that --plot draws: a state, output or d(STATE)/d(PARAMETER); may be repeated.",
+)
+@click.option(
+    "--of", default="last", help="Value over time that heat maps show: last, max, min or mean."
+)
 def sweep_scene(
-    scene: SceneName,
-    grid: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME=VALUES",
-            help="Axis of a grid, for a parameter or the initial value of a state: L=0.8:1.2:11 "
-            "for 11 values, k=1:1000:7:log for logarithmic spacing, or k=40,50,60; may be "
-            "repeated.",
-        ),
-    ] = [],  # noqa: B006 - typer copies it
-    sample: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME=KIND:NUMBERS",
-            help="Distribution from which values are drawn: uniform:low:high, "
-            "loguniform:low:high, triangular:low:mode:high, normal:mean:deviation, "
-            "truncated:mean:deviation:low:high, lognormal:median:factor, or "
-            "relative:fraction of the value in the scene; may be repeated.",
-        ),
-    ] = [],  # noqa: B006
-    members: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N|FILE",
-            help="Number of members that --sample draws, or a CSV file with one row for each "
-            "member and one column for each name.",
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Seed of --sample. Equal seeds draw equal members."),
-    ] = None,
-    sampling: Annotated[
-        str | None,
-        typer.Option(help="Sampling method of --sample: sobol, latin, halton or random."),
-    ] = None,
-    file: Annotated[
-        Path | None,
-        typer.Option("--file", "-o", help="Write all results to this file: .nc, .zarr or .csv."),
-    ] = None,
-    sensitivity: Sensitivity = [],  # noqa: B006
-    output: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME", help="Output to compute; may be repeated. Default: all outputs."
-        ),
-    ] = [],  # noqa: B006
-    t_end: EndTime = None,
-    points: Annotated[int, typer.Option(min=2, help="Number of evenly spaced output times.")] = 101,
-    settings: Any = None,
-    tree: Any = None,
-    threads: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of threads. Default: the number of processors."),
-    ] = None,
-    lanes: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Number of members that are integrated together in vectors; 1 turns this off.",
-        ),
-    ] = None,
-    store: Annotated[
-        Path | None,
-        typer.Option(
-            help="Save results to this folder during the computation. An interrupted sweep "
-            "resumes from it."
-        ),
-    ] = None,
-    on_error: Annotated[
-        str,
-        typer.Option(
-            metavar="keep|raise",
-            help="If a member fails: keep the other members (its values are nan), or raise an "
-            "error.",
-        ),
-    ] = "keep",
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Draw the results to this file (.svg, .png or .pdf): curves for a grid with "
-            "one axis, heat maps for a grid with two axes, otherwise bands."
-        ),
-    ] = None,
-    show: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME",
-            help="Quantity that --plot draws: a state, output or d(STATE)/d(PARAMETER); may be "
-            "repeated.",
-        ),
-    ] = [],  # noqa: B006
-    of: Annotated[
-        str, typer.Option(help="Value over time that heat maps show: last, max, min or mean.")
-    ] = "last",
+    scene: str,
+    grid: Sequence[str],
+    sample: Sequence[str],
+    members: str | None,
+    seed: int | None,
+    sampling: str | None,
+    file: Path | None,
+    sensitivity: Sequence[str],
+    output: Sequence[str],
+    t_end: float | None,
+    points: int,
+    settings: dict[str, Any],
+    tree: TreeChoice,
+    threads: int | None,
+    lanes: int | None,
+    store: Path | None,
+    on_error: str,
+    plot: Path | None,
+    show: Sequence[str],
+    of: str,
 ) -> None:
     """Simulate a scene for many parameter sets.
 
@@ -257,9 +268,9 @@ def sweep_scene(
         check_dataset_file(file)
     check_picture(plot)
     if show and plot is None:
-        raise typer.BadParameter("--show selects the curves of a plot: also give --plot FILE")
+        raise click.BadParameter("--show selects the curves of a plot: also give --plot FILE")
     if of not in SUMMARIES:
-        raise typer.BadParameter(f"--of is '{of}': give {', '.join(SUMMARIES)}")
+        raise click.BadParameter(f"--of is '{of}': give {', '.join(SUMMARIES)}")
     swept = (text.partition("=")[0].strip() for text in (*grid, *sample))
     described = read_scene(scene, settings, swept)
     build_ahead(settings.get("method") or described.defaults.method)
@@ -284,17 +295,17 @@ def sweep_scene(
             )
     except MemberError as error:
         print_error(str(error))
-        raise typer.Exit(1) from None
-    typer.echo(sweep_report(runs, time.perf_counter() - begun).text())
+        raise click.exceptions.Exit(1) from None
+    click.echo(sweep_report(runs, time.perf_counter() - begun).text())
     write_file(file, lambda path: write_dataset(runs, path))
     status = np.asarray(runs["status"].values)
     if (status == 0).any():
         write_file(plot, lambda path: save_figure(picture(runs, show, of), path))
     if (status == -3).any():
-        raise typer.Exit(INTERRUPTED)
+        raise click.exceptions.Exit(INTERRUPTED)
     # The sweep has failed if no member succeeded.
     if not (status == 0).any():
-        raise typer.Exit(1)
+        raise click.exceptions.Exit(1)
 
 
 def _check_shown(model: Model, show: Sequence[str], outputs: Sequence[str]) -> None:
