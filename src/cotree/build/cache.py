@@ -42,7 +42,7 @@ _VARIABLE = "COTREE_CACHE_DIR"
 _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
 #: Suffixes of the files of cotree on which cached texts depend.
-_SOURCES = {".py", ".jinja", ".c", ".h"}
+_SOURCES = (".py", ".jinja", ".c", ".h")
 # Patterns of file names in the cache; other files in the folder are never removed.
 _KEY = re.compile(r"[0-9a-f]{64}")
 _PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|text|sha256|lock)")
@@ -189,11 +189,12 @@ def _sources() -> bytes:
     """Return bytes that identify cotree's files, on which cached texts depend."""
     # The version of NumPy is included, because pickled arrays depend on it.
     rows = [sys.version, np.__version__]
-    for folder in (Path(__file__).parents[1], template_folder()):
-        for path in sorted(path for path in folder.rglob("*.*") if path.suffix in _SOURCES):
-            status = path.stat()
-            rows.append(f"{path} {status.st_size} {status.st_mtime_ns}")
-    return "\n".join(rows).encode()
+    for place in (Path(__file__).parents[1], template_folder()):
+        for folder, _, names in os.walk(place):  # three times as fast as ``Path.rglob``
+            for path in (os.path.join(folder, name) for name in names if name.endswith(_SOURCES)):
+                status = os.stat(path)
+                rows.append(f"{path} {status.st_size} {status.st_mtime_ns}")
+    return "\n".join(sorted(rows)).encode()
 
 
 @contextlib.contextmanager
