@@ -31,46 +31,22 @@ if TYPE_CHECKING:
 _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
 
 
-def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
-    """Return a writeable view of the diagonal blocks of a matrix, (m, n_states, n_states)."""
-    m = matrix.shape[0] // n_states
-    # The repeated index i selects the diagonal blocks.
-    blocks: FloatArray = np.einsum("iaib->iab", matrix.reshape(m, n_states, m, n_states))
-    return blocks
-
-
 def assemble_dense(first: FloatArray, n_states: int) -> FloatArray:
     """Return the dense Jacobian of z from its first columns, (size, n_states).
 
     ``first`` has the derivatives of z' with respect to the states; all diagonal blocks equal J.
     """
-    size = first.shape[0]
-    matrix = np.zeros((size, size))
-    diagonal_blocks(matrix, n_states)[...] = first[:n_states]
+    matrix = np.asarray(np.kron(np.eye(len(first) // n_states), first[:n_states]), np.float64)
     matrix[:, :n_states] = first
     return matrix
 
 
 def assemble_sparse(first: FloatArray, n_states: int) -> Any:
     """Return the matrix of :func:`assemble_dense` in SciPy's CSC form."""
-    from scipy.sparse import csc_matrix
+    from scipy.sparse import csc_matrix, hstack, identity, kron
 
-    size = first.shape[0]
-    jacobian = first[:n_states]
-    n_blocks = size // n_states - 1
-    # The first n_states columns are full; a later column is nonzero only in its diagonal block J.
-    block_rows = np.arange(n_states, size).reshape(n_blocks, 1, n_states)
-    rows = np.broadcast_to(block_rows, (n_blocks, n_states, n_states))
-    data = np.broadcast_to(jacobian.T, (n_blocks, n_states, n_states))
-    lengths = np.repeat([size, n_states], [n_states, size - n_states])
-    return csc_matrix(
-        (
-            np.concatenate([first.T.ravel(), data.ravel()]),
-            np.concatenate([np.tile(np.arange(size), n_states), rows.ravel()]),
-            np.concatenate([[0], np.cumsum(lengths)]),
-        ),
-        shape=(size, size),
-    )
+    blocks = kron(identity(len(first) // n_states), first[:n_states], format="csc")
+    return hstack([csc_matrix(first), blocks[:, n_states:]], format="csc")
 
 
 def difference_columns(
