@@ -49,6 +49,8 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
     (n_parameters, n_t). Raise CoarseError if the grid does not resolve the output, SolveError if
     the peak is next to an event.
     """
+    from scipy.interpolate import barycentric_interpolate
+
     k = int(np.argmax(value))
     # The time of a maximum at an end of the run is fixed, so its derivative is the sensitivity.
     if k in (0, len(t) - 1):
@@ -71,7 +73,7 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
         raise CoarseError(
             f"the output changes too fast near its maximum at t = {t[k]:.6g} to be resolved"
         )
-    return top, _interpolated(s, slopes[:, low:high], at)
+    return top, barycentric_interpolate(s, slopes[:, low:high], at, axis=1)
 
 
 def _top(s: Array, value: Array) -> tuple[float, float]:
@@ -83,14 +85,6 @@ def _top(s: Array, value: Array) -> tuple[float, float]:
     values = polynomial(candidates)
     best = int(np.argmax(values))
     return float(candidates[best]), float(values[best])
-
-
-def _interpolated(s: Array, rows: Array, at: float) -> Array:
-    """Evaluate the Lagrange polynomial through each row of values at ``at``."""
-    weights = np.array(
-        [np.prod([(at - b) / (a - b) for j, b in enumerate(s) if j != i]) for i, a in enumerate(s)]
-    )
-    return np.asarray(rows @ weights)
 
 
 #: Points of the coarse time grid for peaks, and of the fine one if the first is too coarse.
