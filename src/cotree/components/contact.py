@@ -26,7 +26,7 @@ from cotree.components.component import (
     optional,
 )
 from cotree.components.law import Law, argument, larger, magnitude, sqrt
-from cotree.components.ports import scalar
+from cotree.components.ports import demands_on_limits, scalar
 from cotree.components.terminal import Friction, Kind, PortMeasure, Stop, Terminal, Touch
 from cotree.errors import SceneError
 
@@ -48,7 +48,6 @@ def _port(domain: str, given: Given) -> Terminal:
     return Terminal(domain, Kind.STOP, is_passive=False, stop=stop)
 
 
-_APART = Demand(Law(lambda lower, upper: upper - lower), "needs an upper limit above the lower one")
 BOUNDED = Demand(
     Law(lambda restitution: 1 + 1e-15 - restitution), "needs a restitution of one at most"
 )
@@ -66,11 +65,8 @@ def _rest_speed(unit: str) -> Field:
 
 def _stop(domain: str, length: str, unit: str) -> Component:
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
-        if "lower" not in given and "upper" not in given:
-            raise SceneError(f"edge '{edge}' of type '{made.name}' needs a lower or an upper limit")
-        apart = (_APART,) if "lower" in given and "upper" in given else ()
-        own = replace(made, ports=(_port(domain, given),), demands=(*apart, BOUNDED))
-        return own, nodes, given
+        demands = (*demands_on_limits(made.name, edge, given), BOUNDED)
+        return replace(made, ports=(_port(domain, given),), demands=demands), nodes, given
 
     fields = (
         # Limits are constant, because moving limits would do work on the node.

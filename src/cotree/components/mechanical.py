@@ -13,7 +13,6 @@ from cotree.components.component import (
     Adapt,
     Adapted,
     Component,
-    Demand,
     Field,
     Given,
     Nodes,
@@ -24,7 +23,14 @@ from cotree.components.component import (
     value,
 )
 from cotree.components.law import Law, argument, larger, smaller, sqrt, tanh
-from cotree.components.ports import across_source, ideal_coupling, scalar, storage, through_source
+from cotree.components.ports import (
+    across_source,
+    demands_on_limits,
+    ideal_coupling,
+    scalar,
+    storage,
+    through_source,
+)
 from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError
 
@@ -177,18 +183,12 @@ def _backlash(m: _Motion) -> Component:
         return Terminal(m.domain, Kind.SPRING, through=through, is_passive=False)
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
-        has_lower, has_upper = "lower" in given, "upper" in given
-        if not (has_lower or has_upper):
-            raise SceneError(f"edge '{edge}' of type '{made.name}' needs a lower or an upper limit")
-        apart = (_GAP,) if has_lower and has_upper else ()
-        own = replace(made, ports=(port(has_lower, has_upper),), demands=apart)
-        return own, nodes, given
+        own = port("lower" in given, "upper" in given)
+        demands = demands_on_limits(made.name, edge, given)
+        return replace(made, ports=(own,), demands=demands), nodes, given
 
     made = scalar(m.name("backlash"), "play between two elastic limits", fields, port(True, True))
     return replace(made, adapt=adapt)
-
-
-_GAP = Demand(Law(lambda lower, upper: upper - lower), "needs an upper limit above the lower one")
 
 
 def _friction(m: _Motion) -> Component:

@@ -6,9 +6,10 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import Component, Field, Role
+from cotree.components.component import Component, Demand, Field, Given, Role
 from cotree.components.law import Law, argument
 from cotree.components.terminal import Kind, Terminal
+from cotree.errors import SceneError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -81,6 +82,17 @@ def resistive(
         through=Law.taking(("across", field), lambda across, given: across / given),
         between=between,
     )
+
+
+_APART = Demand(Law(lambda lower, upper: upper - lower), "needs an upper limit above the lower one")
+
+
+def demands_on_limits(type: str, edge: str, given: Given) -> tuple[Demand, ...]:
+    """Return the demands on the limits of a travel; raise SceneError if an edge has none."""
+    n_limits = ("lower" in given) + ("upper" in given)
+    if not n_limits:
+        raise SceneError(f"edge '{edge}' of type '{type}' needs a lower or an upper limit")
+    return (_APART,) if n_limits > 1 else ()
 
 
 def ideal_coupling(
