@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from cotree.model.linearize import Linearizer
     from cotree.model.model import CompiledModel
 
+    #: Names of arguments or results, with their shapes as CasADi's sparsities.
+    Shapes = Sequence[tuple[str, Any]]
+
 
 @dataclass(frozen=True)
 class RateFunction:
@@ -135,64 +138,44 @@ def casadi_function(rates: RateFunction) -> Any:
             "cotree[casadi])"
         ) from None
 
-    sizes, names = rates.sizes, ("x", "u", "p")
-    n = sizes[0]
+    n = rates.sizes[0]
 
-    class Jacobian(casadi.Callback):  # type: ignore[misc]
-        """CasADi function that returns the Jacobian of the rates for each argument."""
+    class Named(casadi.Callback):  # type: ignore[misc]
+        """CasADi function with named arguments and results, all of known shapes."""
 
-        def __init__(self, name: str, given: list[str], results: list[str], options: Any) -> None:
+        def __init__(self, name: str, given: Shapes, results: Shapes, options: Any) -> None:
             super().__init__()
-            self._names = given, results
+            self._given, self._results = given, results
             self.construct(name, options)
 
         def get_n_in(self) -> int:
-            return 4
+            return len(self._given)
 
         def get_n_out(self) -> int:
-            return 3
+            return len(self._results)
 
         def get_name_in(self, i: int) -> str:
-            return self._names[0][i]
+            return self._given[i][0]
 
         def get_name_out(self, i: int) -> str:
-            return self._names[1][i]
+            return self._results[i][0]
 
         def get_sparsity_in(self, i: int) -> Any:
-            # The fourth argument is the value of the function; it is unused except for its shape.
-            return casadi.Sparsity.dense(sizes[i], 1) if i < 3 else casadi.Sparsity(n, 1)
+            return self._given[i][1]
 
         def get_sparsity_out(self, i: int) -> Any:
-            return casadi.Sparsity.dense(n, sizes[i])
+            return self._results[i][1]
+
+    class Jacobian(Named):
+        """CasADi function that returns the Jacobian of the rates for each argument."""
 
         def eval(self, arg: Any) -> Any:
             return [casadi.DM(block) for block in rates.derivatives(*map(_flat, arg[:3]))]
 
-    class Function(casadi.Callback):  # type: ignore[misc]
+    class Function(Named):
         """CasADi function that returns the rates."""
 
-        def __init__(self) -> None:
-            super().__init__()
-            self._jacobian: Any = None
-            self.construct("rates")
-
-        def get_n_in(self) -> int:
-            return 3
-
-        def get_n_out(self) -> int:
-            return 1
-
-        def get_name_in(self, i: int) -> str:
-            return names[i]
-
-        def get_name_out(self, i: int) -> str:
-            return "dx"
-
-        def get_sparsity_in(self, i: int) -> Any:
-            return casadi.Sparsity.dense(sizes[i], 1)
-
-        def get_sparsity_out(self, i: int) -> Any:
-            return casadi.Sparsity.dense(n, 1)
+        _jacobian: Any = None
 
         def eval(self, arg: Any) -> Any:
             return [casadi.DM(rates(*map(_flat, arg)))]
@@ -201,11 +184,16 @@ def casadi_function(rates: RateFunction) -> Any:
             return True
 
         def get_jacobian(self, name: str, given: Any, results: Any, options: Any) -> Any:
+            # The fourth argument is the value of the function; it is unused except for its shape.
+            shapes = [*columns, casadi.Sparsity(n, 1)]
+            blocks = [casadi.Sparsity.dense(n, size) for size in rates.sizes]
+            named = [*zip(given, shapes, strict=True)], [*zip(results, blocks, strict=True)]
             # CasADi keeps no reference to its callbacks, so Python must.
-            self._jacobian = Jacobian(name, list(given), list(results), options)
+            self._jacobian = Jacobian(name, *named, options)
             return self._jacobian
 
-    return Function()
+    columns = [casadi.Sparsity.dense(size, 1) for size in rates.sizes]
+    return Function("rates", [*zip("xup", columns, strict=True)], [("dx", columns[0])], {})
 
 
 def _flat(value: Any) -> Any:
