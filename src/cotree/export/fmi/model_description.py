@@ -231,10 +231,10 @@ class FmuVariable:
     name: str
     unit: str
     doc: str
-    #: Attributes ``causality`` and ``variability`` of the standard.
-    causality: str
-    variability: str
-    initial: str = ""  # FMI attribute ``initial``; empty if the standard requires none
+    #: Attributes of the standard; ``initial`` is empty if none is required.
+    causality: str = "local"
+    variability: str = "continuous"
+    initial: str = "calculated"
     start: float | None = None  # start value of the variable, if it has one
     derivative_of: int | None = None  # for a derivative: value reference of its state
     is_reset: bool = False  # whether events may set the variable
@@ -367,7 +367,7 @@ class VariableBlocks:
         inputs = [
             FmuVariable(
                 firsts[4] + i, self.own[1][place], layout.inputs[place].unit,
-                layout.inputs[place].doc, "input", "continuous", start=input_values[i],
+                layout.inputs[place].doc, "input", initial="", start=input_values[i],
             )
             for i, place in enumerate(self.outside)
         ]  # fmt: skip
@@ -380,7 +380,7 @@ class VariableBlocks:
         first += len(indicators)
         names = [self.own[1][i] for i in self.signals]
         signals = self._calculated(5, first, names, [layout.inputs[i] for i in self.signals])
-        time = FmuVariable(0, "time", "s", "", "independent", "continuous")
+        time = FmuVariable(0, "time", "s", "", "independent", initial="")
         blocks = tuple(states), tuple(rates), tuple(parameters), tuple(inputs)
         return FmuVariables(time, *blocks, signals, outputs, indicators, *self._slopes())
 
@@ -421,26 +421,28 @@ class VariableBlocks:
         if i >= self.n_rates:
             needs = tuple(sorted({self._reference(c) for c in self.known[i]}))
             return FmuVariable(
-                reference, name, row.unit, doc or "an algebraic unknown", "local", "continuous",
-                "calculated", depends=needs, depends_at_start=self._at_start(needs),
+                reference, name, row.unit, doc or "an algebraic unknown",
+                depends=needs, depends_at_start=self._at_start(needs),
             )  # fmt: skip
         depends = self.of_state[i]
         targets = {target for event in layout.events for target in event.targets}
         return FmuVariable(
-            reference, name, row.unit, doc, "local", "continuous",
-            "exact" if depends is None else "approx",
-            start,
+            reference,
+            name,
+            row.unit,
+            doc,
+            initial="exact" if depends is None else "approx",
+            start=start,
             is_reset=bool(layout.constraints) or i in targets,
             depends_at_start=depends,
-        )  # fmt: skip
+        )
 
     def _rate(self, i: int) -> FmuVariable:
         row, needs = self.layout.states[i], self._needs(i)
         unit = _over(row.unit, "s")
         return FmuVariable(
-            self.firsts[2] + i, self._named(f"der({self.own[3][i]})"), unit, "", "local",
-            "continuous", "calculated", derivative_of=self.firsts[1] + i, depends=needs,
-            depends_at_start=self._at_start(needs),
+            self.firsts[2] + i, self._named(f"der({self.own[3][i]})"), unit, "",
+            derivative_of=self.firsts[1] + i, depends=needs, depends_at_start=self._at_start(needs),
         )  # fmt: skip
 
     def _calculated(
@@ -455,8 +457,8 @@ class VariableBlocks:
         needs = [self._needs(first + i) for i in range(len(rows))]
         return tuple(
             FmuVariable(
-                self.firsts[block] + i, name, row.unit, row.doc, causality, "continuous",
-                "calculated", depends=needs[i], depends_at_start=self._at_start(needs[i]),
+                self.firsts[block] + i, name, row.unit, row.doc, causality,
+                depends=needs[i], depends_at_start=self._at_start(needs[i]),
             )
             for i, (name, row) in enumerate(zip(names, rows, strict=True))
         )  # fmt: skip
@@ -477,8 +479,6 @@ class VariableBlocks:
                         _over(rows[i].unit, layout.units.get(wanted[j], "")),
                         f"sensitivity of {names[i]} to {wanted[j]}",
                         causality,
-                        "continuous",
-                        "calculated",
                     )
                     for place, (j, i) in enumerate(pairs)
                 )
