@@ -19,18 +19,19 @@ import click
 from cotree.build.cache import cached
 from cotree.cli.options import (
     INTERRUPTED,
-    PATH,
     check_animated,
     check_folder,
     check_picture,
     csv_option,
     end_time_option,
     given,
+    path_option,
     plot_option,
     print_error,
     read_robots_with,
     read_scene,
     read_tolerances,
+    repeated_option,
     scene_argument,
     sensitivity_option,
     settings_options,
@@ -104,9 +105,8 @@ _MOST_WARNINGS = 5
 
 @app.command("lint")
 @scene_argument
-@click.option(
+@repeated_option(
     "--allow",
-    multiple=True,
     metavar="RULE[:NAME]",
     help="Allow this finding, because the entry is intended; may be repeated.",
 )
@@ -199,12 +199,9 @@ def check_scene(
 @app.command("bench")
 @scene_argument
 @sensitivity_option
-@click.option(
-    "--method", multiple=True, help="Method to measure; may be repeated. Default: all methods."
-)
-@click.option(
+@repeated_option("--method", help="Method to measure; may be repeated. Default: all methods.")
+@repeated_option(
     "--tolerance",
-    multiple=True,
     metavar="RTOL[,ATOL]",
     help="Tolerances to measure; may be repeated. Default: 1e-3 to 1e-11. Without ATOL, it is a "
     "hundredth of RTOL.",
@@ -229,7 +226,7 @@ def check_scene(
     help="Measure only the tolerances 1e-3, 1e-6 and 1e-9, with fewer runs.",
 )
 @tree_option
-@click.option("--json", type=PATH, help="Write all results to this JSON file.")
+@path_option("--json", help="Write all results to this JSON file.")
 @plot_option
 def bench_scene(
     scene: str,
@@ -305,20 +302,14 @@ _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
 
 @app.command("export")
 @scene_argument
-@click.option(
-    "--output",
-    "-o",
-    type=PATH,
-    required=True,
-    metavar="FILE",
-    help="File to write; its name ends in .fmu.",
+@path_option(
+    "--output", "-o", required=True, metavar="FILE", help="File to write; its name ends in .fmu."
 )
 @sensitivity_option
 @tree_option
 @click.option("--version", type=int, default=3, help="Version of the FMI standard: 3 or 2.")
-@click.option(
+@repeated_option(
     "--kind",
-    multiple=True,
     metavar="KIND",
     help="Interface type: me (Model Exchange) or cs (Co-Simulation); may be repeated. Default: "
     "both.",
@@ -326,16 +317,14 @@ _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
 @click.option(
     "--integrator", help=f"Integrator of Co-Simulation: {_EXPLICIT}; for stiff systems {_IMPLICIT}."
 )
-@click.option(
+@repeated_option(
     "--outside",
-    multiple=True,
     metavar="INPUT",
     help="Input that the importer sets; may be repeated. Default: all inputs that are constant in "
     "the scene.",
 )
-@click.option(
+@repeated_option(
     "--platform",
-    multiple=True,
     metavar="PLATFORM",
     help="Platform of a library in the FMU: x86_64-linux, aarch64-linux, x86_64-windows, "
     "x86_64-darwin, aarch64-darwin, or none for sources only; may be repeated. Default: this "
@@ -412,16 +401,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 @tree_option
 @csv_option
 @plot_option
-@click.option(
+@repeated_option(
     "--show",
-    multiple=True,
     metavar="NAME",
     help="Quantity that --plot draws: a state, output, input or d(STATE)/d(PARAMETER); may be "
     "repeated. Default: all coordinates.",
 )
-@click.option(
+@path_option(
     "--animate",
-    type=PATH,
     help="Write an animation to this file: .html or .gif. If nothing moves in space, write curves "
     "instead.",
 )
@@ -488,7 +475,7 @@ def run_scene(
 
 @app.command("generate")
 @scene_argument
-@click.option("--output", "-o", type=PATH, required=True, metavar="DIR", help="Folder to write.")
+@path_option("--output", "-o", required=True, metavar="DIR", help="Folder to write.")
 @sensitivity_option
 @tree_option
 @click.option(
@@ -557,12 +544,8 @@ def show_equations(
 
 @app.command("graph")
 @scene_argument
-@click.option(
-    "--output",
-    "-o",
-    type=PATH,
-    metavar="FILE",
-    help="Draw the graphs to this file: .svg, .png or .pdf.",
+@path_option(
+    "--output", "-o", metavar="FILE", help="Draw the graphs to this file: .svg, .png or .pdf."
 )
 @tree_option
 def show_graph(scene: str, output: Path | None, tree: TreeChoice) -> None:
@@ -580,13 +563,8 @@ def show_graph(scene: str, output: Path | None, tree: TreeChoice) -> None:
 
 @app.command("save")
 @scene_argument
-@click.option(
-    "--output",
-    "-o",
-    type=PATH,
-    required=True,
-    metavar="FILE",
-    help="File to write; its name ends in .toml.",
+@path_option(
+    "--output", "-o", required=True, metavar="FILE", help="File to write; its name ends in .toml."
 )
 def save_scene(scene: str, output: Path) -> None:
     """Convert a scene of any format to a TOML scene file."""

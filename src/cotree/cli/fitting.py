@@ -13,11 +13,13 @@ from cotree.cli.options import (
     check_picture,
     csv_option,
     end_time_option,
+    path_option,
     plot_option,
     print_error,
     read_numbers,
     read_pairs,
     read_scene,
+    repeated_option,
     scene_argument,
     settings_options,
     write_file,
@@ -34,55 +36,48 @@ if TYPE_CHECKING:
 @click.command("fit")
 @scene_argument
 @click.argument("more", nargs=-1, metavar="[NAME[=RANGE]]...", help="Further values of --estimate.")
-@click.option(
+@repeated_option(
     "--data",
-    multiple=True,
     type=PATH,
     metavar="FILE",
     help="CSV file with the measurements of one experiment and a column t or time; may be "
     "repeated.",
 )
-@click.option(
+@repeated_option(
     "--estimate",
     "-e",
-    multiple=True,
     metavar="NAME[=RANGE]",
     help="Parameter to estimate, or state whose initial value to estimate; may be repeated. "
     "k=10:100:log sets bounds and a scale (lin, log or log10). Default bounds: a hundredth and a "
     "hundred times the value in the scene.",
 )
-@click.option(
+@repeated_option(
     "--observe",
-    multiple=True,
     metavar="COLUMN=EXPRESSION",
     help="Quantity that a column measures, as an expression of states and outputs; may be "
     "repeated. Default: the state or output with the name of the column.",
 )
-@click.option(
+@repeated_option(
     "--noise",
-    multiple=True,
     metavar="[COLUMN=]VALUE",
     help="Standard deviation of the noise of one column or of all columns: a number in the unit "
     "of the column, another column, or an expression; may be repeated. Default: estimated.",
 )
-@click.option(
+@repeated_option(
     "--unit",
-    multiple=True,
     metavar="COLUMN=UNIT",
     help="Unit of a column whose name contains no unit, such as 'v [mV]'; may be repeated.",
 )
 @click.option(
     "--time", metavar="COLUMN", help="Column that contains the times. Default: t or time."
 )
-@click.option(
+@repeated_option(
     "--start",
-    multiple=True,
     metavar="NAME=NUMBER",
     help="Initial guess; may be repeated. Default: the value in the scene.",
 )
-@click.option(
+@repeated_option(
     "--per-experiment",
-    multiple=True,
     metavar="NAME",
     help="Parameter with a separate estimate for each --data file; may be repeated.",
 )
@@ -108,14 +103,10 @@ if TYPE_CHECKING:
     "specifies new names in the expression. A data column with the name of an input replaces it, "
     "too.",
 )
-@click.option(
-    "--plot",
-    type=PATH,
-    help="Draw data, fitted curves and residuals to this file: .svg, .png or .pdf.",
+@path_option(
+    "--plot", help="Draw data, fitted curves and residuals to this file: .svg, .png or .pdf."
 )
-@click.option(
-    "--output", "-o", type=PATH, metavar="FILE", help="Write the result to this JSON file."
-)
+@path_option("--output", "-o", metavar="FILE", help="Write the result to this JSON file.")
 def fit_scene(
     scene: str,
     more: Sequence[str],
@@ -233,22 +224,17 @@ def _noise(texts: Sequence[str]) -> Any:
     help="Objective to minimise, such as integral(x**2), maximum(P) or end(j.s) + L. A plain name "
     "is the value at the end. Also at(TIME, x), start, mean, minimum and time(EVENT).",
 )
-@click.option(
+@repeated_option(
     "--over",
-    multiple=True,
     required=True,
     metavar="NAME=LOW:HIGH[:log]",
     help="Parameter to vary, or state whose initial value to vary, with bounds; may be repeated.",
 )
-@click.option(
-    "--subject-to",
-    multiple=True,
-    metavar="CONDITION",
-    help="Constraint with <=, >= or ==; may be repeated.",
+@repeated_option(
+    "--subject-to", metavar="CONDITION", help="Constraint with <=, >= or ==; may be repeated."
 )
-@click.option(
+@repeated_option(
     "--guess",
-    multiple=True,
     metavar="NAME=NUMBER",
     help="Initial guess; may be repeated. Default: the value in the scene.",
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -130,23 +131,24 @@ _Command = TypeVar("_Command", bound="Callable[..., Any]")
 
 #: Type of options that name a file or a folder.
 PATH = click.Path(path_type=Path)
+path_option = partial(click.option, type=PATH)
+#: Option that may be repeated: the command receives a tuple of its values.
+repeated_option = partial(click.option, multiple=True)
 
 scene_argument = click.argument(
     "scene",
     metavar="SCENE",
     help="Name of a shipped scene, or path of a TOML, URDF, SPICE or SBML file.",
 )
-sensitivity_option = click.option(
+sensitivity_option = repeated_option(
     "--sensitivity",
     "-s",
-    multiple=True,
     metavar="NAME",
     help="Compute sensitivities to this parameter, or to the initial value of this state; may be "
     "repeated.",
 )
-tree_option = click.option(
+tree_option = repeated_option(
     "--tree",
-    multiple=True,
     metavar="EDGES",
     callback=lambda _, __, texts: read_tree(texts),
     help="Branches of the tree, such as j1,h2. For different trees of the two graphs, repeat the "
@@ -155,11 +157,9 @@ tree_option = click.option(
 end_time_option = click.option(
     "--t-end", type=float, metavar="S", help="End time in s. Default: from the scene."
 )
-plot_option = click.option(
-    "--plot", type=PATH, help="Draw curves to this file: .svg, .png or .pdf."
-)
-csv_option = click.option(
-    "--csv", type=PATH, help="Write all states, outputs, inputs and sensitivities to this CSV file."
+plot_option = path_option("--plot", help="Draw curves to this file: .svg, .png or .pdf.")
+csv_option = path_option(
+    "--csv", help="Write all states, outputs, inputs and sensitivities to this CSV file."
 )
 
 

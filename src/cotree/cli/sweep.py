@@ -12,12 +12,13 @@ import numpy as np
 
 from cotree.cli.options import (
     INTERRUPTED,
-    PATH,
     check_picture,
     end_time_option,
+    path_option,
     print_error,
     read_pairs,
     read_scene,
+    repeated_option,
     scene_argument,
     sensitivity_option,
     settings_options,
@@ -147,16 +148,14 @@ def _table(path: Path) -> Any:
 
 @click.command("sweep")
 @scene_argument
-@click.option(
+@repeated_option(
     "--grid",
-    multiple=True,
     metavar="NAME=VALUES",
     help="Axis of a grid, for a parameter or the initial value of a state: L=0.8:1.2:11 for 11 "
     "values, k=1:1000:7:log for logarithmic spacing, or k=40,50,60; may be repeated.",
 )
-@click.option(
+@repeated_option(
     "--sample",
-    multiple=True,
     metavar="NAME=KIND:NUMBERS",
     help="Distribution from which values are drawn: uniform:low:high, loguniform:low:high, "
     "triangular:low:mode:high, normal:mean:deviation, truncated:mean:deviation:low:high, "
@@ -172,13 +171,10 @@ def _table(path: Path) -> Any:
     "--seed", type=int, metavar="N", help="Seed of --sample. Equal seeds draw equal members."
 )
 @click.option("--sampling", help="Sampling method of --sample: sobol, latin, halton or random.")
-@click.option("--file", "-o", type=PATH, help="Write all results to this file: .nc, .zarr or .csv.")
+@path_option("--file", "-o", help="Write all results to this file: .nc, .zarr or .csv.")
 @sensitivity_option
-@click.option(
-    "--output",
-    multiple=True,
-    metavar="NAME",
-    help="Output to compute; may be repeated. Default: all outputs.",
+@repeated_option(
+    "--output", metavar="NAME", help="Output to compute; may be repeated. Default: all outputs."
 )
 @end_time_option
 @click.option(
@@ -202,9 +198,8 @@ def _table(path: Path) -> Any:
     metavar="N",
     help="Number of members that are integrated together in vectors; 1 turns this off.",
 )
-@click.option(
+@path_option(
     "--store",
-    type=PATH,
     help="Save results to this folder during the computation. An interrupted sweep resumes from "
     "it.",
 )
@@ -214,15 +209,13 @@ def _table(path: Path) -> Any:
     metavar="keep|raise",
     help="If a member fails: keep the other members (its values are nan), or raise an error.",
 )
-@click.option(
+@path_option(
     "--plot",
-    type=PATH,
     help="Draw the results to this file (.svg, .png or .pdf): curves for a grid with one axis, "
     "heat maps for a grid with two axes, otherwise bands.",
 )
-@click.option(
+@repeated_option(
     "--show",
-    multiple=True,
     metavar="NAME",
     help="Quantity that --plot draws: a state, output or d(STATE)/d(PARAMETER); may be repeated.",
 )
