@@ -5,8 +5,8 @@ Every row in ``Tables`` has its file and line. Formulas remain strings.
 Source: PEtab data format specification, version 1.0.0, petab.readthedocs.io.
 
 The package ``petab`` (0.8.2), which tests use, does not replace this module: of the 31 invalid
-problems in ``tests/estimation/test_petab.py``, its linter accepts 9, and it names the file and line
-of none. Its import takes 2.5 s of processor time, compared with 0.5 s for cotree's reader.
+problems in ``tests/estimation/test_petab.py``, its linter accepts 9, and it never names the line of
+a table. Its import takes 2.5 s of processor time, compared with 0.5 s for cotree's reader.
 """
 
 from __future__ import annotations
