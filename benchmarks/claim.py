@@ -188,7 +188,7 @@ def compiled(
     kernels = Kernels(program, loaded, context.prefix)
     p = np.array(program.layout.parameter_values)
     kernels.prepare(p)
-    struct = loaded.ffi.cast("const cotree_model *", kernels.model_address)
+    struct = loaded.ffi.cast("const cotree_model *", kernels.address_for(is_implicit=True))
     address = int(loaded.ffi.cast("uintptr_t", struct.augmented_rhs))
     out = np.zeros(len(kernel.results))
     u = np.zeros(len(program.layout.inputs) + 1)

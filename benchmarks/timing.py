@@ -185,7 +185,7 @@ def own(model: Any, kernel: str, x: Any, s: Any) -> Contender:
     """Return a kernel of a compiled model as a contender."""
     p, code = model.default_parameters, model.kernels.code
     ffi = code.library.ffi
-    struct = ffi.cast("const cotree_model *", code.model_address)
+    struct = ffi.cast("const cotree_model *", code.address_for(is_implicit=True))
     address = int(ffi.cast("uintptr_t", getattr(struct, kernel)))
     out = np.zeros(len(model.kernels.program.kernels[kernel].results) + 1)
     kind = "sensitivity" if "s" in model.kernels.program.kernels[kernel].spec.arguments else "state"

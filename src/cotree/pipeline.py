@@ -50,6 +50,10 @@ if TYPE_CHECKING:
     from cotree.scene.graphs import TreeChoice
 
 
+#: Operations of a Jacobian from which it is compiled separately, in 0.2 s.
+_LONG_JACOBIAN = 2_000
+
+
 @dataclass(frozen=True)
 class Formed:
     """The results of all stages from a scene to its C text."""
@@ -257,10 +261,15 @@ def form_text(
 
 def text_of(program: Program, context: ModelContext) -> ModelText:
     """Print the C text of a program."""
-    files = render_model(context)
+    files, units = render_model(context), {}
+    if context.n_written_in_all >= _LONG_JACOBIAN:
+        from cotree.codegen.newton import render_units
+
+        units = render_units(context, _LONG_JACOBIAN)
     return ModelText.of(
         program,
         files=files,
+        units=units,
         declarations=cdef(files["cotree_abi.h"], context.prefix),
         prefix=context.prefix,
         n_written=context.n_written,

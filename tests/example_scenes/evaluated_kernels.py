@@ -48,9 +48,8 @@ class EvaluatedKernels:
     def _called(self):
         return CalledModel(load_start().ffi, self)
 
-    @property
-    def model_address(self):
-        """The model for the search of starts in C, which calls these kernels."""
+    def address_for(self, *, is_implicit):
+        """Return the model for the search of starts in C, which calls these kernels."""
         return self._called.address
 
     def prepared(self):

@@ -17,6 +17,7 @@ from cotree.codegen.printing import Body, int_table, print_body
 from cotree.codegen.render import ALL, Features, render, with_runtime
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.nodes import INPUT, TIME, kinds_in
+from cotree.linear.elimination import narrow_band
 from cotree.naming import c_identifier
 from cotree.program.columns import form_curvature, form_time_slope
 from cotree.quiet import without_collection
@@ -24,6 +25,7 @@ from cotree.quiet import without_collection
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from cotree.codegen.context import ModelContext
     from cotree.codegen.ir import CExpression, Statement
     from cotree.codegen.printing import Constants
     from cotree.codegen.targets import Target
@@ -304,3 +306,68 @@ def _solve_rows(plan: Elimination) -> list[Statement]:
     # Compute all values before writing any: rows and columns may be exchanged.
     columns = enumerate(plan.columns)
     return rows + [Assign((element("b", at),), temporary("x", k)) for k, at in columns]
+
+
+@dataclass(frozen=True)
+class StepWork:
+    """Operation counts of one implicit step."""
+
+    #: Operations of the rates, of the rates with sensitivities, and of the Jacobian.
+    rates: int
+    augmented: int
+    jacobian: int
+    #: Entries of the factors in the planned sparse elimination, and products to compute them.
+    n_factors: int
+    n_products: int
+    is_unrolled: bool  # whether the C code has no loops
+    #: Both counts for factors with row exchanges, in banded form if the band is narrow.
+    n_banded: int
+    n_banded_products: int
+
+
+def count_step_work(program: Program) -> StepWork | None:
+    """Count the operations of an implicit step; None if its matrix is structurally singular."""
+    layout, plan = program.layout, program.elimination
+    if plan is None:
+        return None
+
+    n, counts = len(layout.states), program.operations
+    lower, upper, places = narrow_band(n, layout.column_starts, layout.row_indices)
+    is_banded = places is not None
+    return StepWork(
+        counts["rhs"].total,
+        counts["augmented_rhs"].total,
+        counts["jacobian"].total,
+        len(plan.factors),
+        sum(len(entry.products) for entry in plan.factors),
+        is_unrolled(plan),
+        n * (2 * lower + upper + 1 if is_banded else n),
+        n * lower * (lower + upper) if is_banded else n**3 // 3,
+    )
+
+
+def render_units(model: ModelContext, least: int) -> dict[str, str]:
+    """Return the C text of the Jacobian and of all other kernels as two units.
+
+    Each unit returns a ``cotree_model`` with its kernels. The result is empty if the Jacobian has
+    fewer than ``least`` operations.
+    """
+    name = f"{model.prefix}_jacobian"
+    apart = [name in kernel.signature for kernel in model.kernels]
+    counts = zip(model.kernels, apart, strict=True)
+    if sum(row.n_operations for row, is_own in counts if is_own) < least:
+        return {}
+    units = {}
+    for unit, of_jacobian in ((model.prefix, False), (name, True)):
+        rows = zip(model.kernels, apart, strict=True)
+        pointers = {
+            field: value if (value == name) == of_jacobian else "NULL"
+            for field, value in model.kernel_pointers.items()
+        }
+        own = replace(
+            model,
+            kernels=[row for row, is_own in rows if is_own == of_jacobian],
+            kernel_pointers=pointers,
+        )
+        units[f"{unit}.c"] = render("c/model.c.jinja", model.target, model=own)
+    return units

@@ -9,7 +9,8 @@ import numpy as np
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, Node, reachable, symbols_in
 from cotree.dag.operations import OPERATIONS
-from cotree.errors import SingularSystemError
+from cotree.errors import SingularSystemError, SolveError
+from cotree.model.kernels import NO_COMPILER, Kernels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,6 +24,27 @@ if TYPE_CHECKING:
 _MOST_NAMES = 6
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
+
+
+class MissingKernels(Kernels):
+    """Substitute for kernels on a machine without a compiler: every call raises SolveError."""
+
+    backend = "none"
+
+    def __init__(self) -> None:
+        pass
+
+    def prepare(self, p: Array) -> None:
+        """Raise SolveError."""
+        raise SolveError(NO_COMPILER)
+
+    def address(self, name: str) -> int | None:
+        """Return None."""
+        return None
+
+    def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
+        """Raise SolveError."""
+        raise SolveError(NO_COMPILER)
 
 
 def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:

@@ -25,8 +25,9 @@ from cotree.sharing import forming, locked_cache
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
+    from cotree.codegen.newton import StepWork
     from cotree.model.model import CompiledModel
     from cotree.program.program import Program
     from cotree.program.text import ModelText
@@ -103,60 +104,62 @@ def load_kernels(
     return None
 
 
-@dataclass(frozen=True)
-class StepWork:
-    """Operation counts of one implicit step."""
+def _step_work(program: Program) -> StepWork | None:
+    from cotree.codegen.newton import count_step_work
 
-    #: Operations of the rates, of the rates with sensitivities, and of the Jacobian.
-    rates: int
-    augmented: int
-    jacobian: int
-    #: Entries of the factors in the planned sparse elimination, and products to compute them.
-    n_factors: int
-    n_products: int
-    is_unrolled: bool  # whether the C code has no loops
-    #: Both counts for factors with row exchanges, in banded form if the band is narrow.
-    n_banded: int
-    n_banded_products: int
-
-
-def count_step_work(program: Program) -> StepWork | None:
-    """Count the operations of an implicit step; None if its matrix is structurally singular."""
-    layout, plan = program.layout, program.elimination
-    if plan is None:
-        return None
-    from cotree.codegen.newton import is_unrolled
-    from cotree.linear.elimination import narrow_band
-
-    n, counts = len(layout.states), program.operations
-    lower, upper, places = narrow_band(n, layout.column_starts, layout.row_indices)
-    is_banded = places is not None
-    return StepWork(
-        counts["rhs"].total,
-        counts["augmented_rhs"].total,
-        counts["jacobian"].total,
-        len(plan.factors),
-        sum(len(entry.products) for entry in plan.factors),
-        is_unrolled(plan),
-        n * (2 * lower + upper + 1 if is_banded else n),
-        n * lower * (lower + upper) if is_banded else n**3 // 3,
-    )
+    return count_step_work(program)
 
 
 #: Status of a kernel whose linear system is singular.
 SINGULAR = 1
 
 
+class _LoadedModel:
+    """The ``cotree_model`` of a library, to which kernels of other libraries are added.
+
+    ``others`` return libraries, as :func:`obtain_library`, which are built when first needed.
+    """
+
+    def __init__(
+        self, text: ModelText, library: LoadedLibrary, others: Sequence[Callable[[], Any]]
+    ) -> None:
+        self._text, self._ffi, self._others = text, library.ffi, others
+        self.c = self._own(library)
+        if others:
+            # The structure in the library is constant, so kernels are added to a copy.
+            self.c = self._ffi.new("cotree_model *", self.c[0])
+        self._lock, self._added = threading.Lock(), list[LoadedLibrary]()
+
+    def complete(self) -> None:
+        """Load the other libraries at the first call."""
+        with self._lock:
+            for load in self._others[len(self._added) :]:
+                library = load()[1]
+                model = self._own(library)
+                for spec in KERNELS.values():
+                    if function := getattr(model, spec.field):
+                        setattr(self.c, spec.field, self._ffi.cast(spec.type, function))
+                self._added.append(library)
+
+    def _own(self, library: LoadedLibrary) -> Any:
+        """Return the ``cotree_model`` in a library; raise BuildError if it is another model's."""
+        model = getattr(library.lib, f"{self._text.prefix}_abi")()
+        # In other versions, the structure may have a different layout.
+        if model.abi_version != ABI_VERSION or model.n_states != len(self._text.layout.states):
+            raise BuildError("the loaded library belongs to another model: clear the cache")
+        return model
+
+
 class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
     """Each kernel of a thread: function, arguments, result, and whether t is an argument."""
 
-    def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
+    def __init__(self, text: ModelText, library: LoadedLibrary, model: _LoadedModel) -> None:
         super().__init__()
         ffi, layout = library.ffi, text.layout
         self._n_results, self._model, self._ffi = text.traits.n_results, model, ffi
         n, m = len(layout.states), len(layout.sensitivities)
         self.x, self.s, self.u = np.zeros(n), np.zeros(n * max(m, 1)), np.zeros(len(layout.inputs))
-        self.p, self.k = np.zeros(len(layout.parameters)), np.zeros(model.n_prepared)
+        self.p, self.k = np.zeros(len(layout.parameters)), np.zeros(model.c.n_prepared)
         self._pointers = {key: pointer_to(self._ffi, getattr(self, key)) for key in "xsupk"}
         # `prepare` reads parameters and writes the values computed from them.
         self.prepared = (self._pointers["p"], self._pointers["k"])
@@ -168,7 +171,9 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         # Time is passed by value; all other arguments are pointers that never change.
         spec, result = KERNELS[name], np.zeros(self._n_results[name])
         arguments = [self._pointers[key] for key in spec.arguments if key != "t"]
-        function = getattr(self._model, spec.field)
+        if name == "jacobian":
+            self._model.complete()
+        function = getattr(self._model.c, spec.field)
         bound = (
             function,
             (*arguments, pointer_to(self._ffi, result)),
@@ -182,7 +187,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
 class _OwnBuffers(threading.local):
     """Arguments and results of C kernels, separate for each thread."""
 
-    def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
+    def __init__(self, text: ModelText, library: LoadedLibrary, model: _LoadedModel) -> None:
         self.bound = _Bound(text, library, model)
 
 
@@ -193,8 +198,6 @@ class Kernels:
     ----------
     library : LoadedLibrary
         The library.
-    model_address : int
-        Address of its ``cotree_model``.
     newton : callable
         Returns ``cotree_newton``, built at the first call; None if that is impossible.
     in_lanes : callable
@@ -205,25 +208,25 @@ class Kernels:
 
     backend = "C"
 
-    def __init__(self, text: ModelText, library: LoadedLibrary) -> None:
-        layout = text.layout
-        model = getattr(library.lib, f"{text.prefix}_abi")()
-        # In other versions, the structure may have a different layout.
-        if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
-            raise BuildError("the loaded library belongs to another model: clear the cache")
+    def __init__(self, text: ModelText, library: LoadedLibrary, *others: Callable[[], Any]) -> None:
         self.library = library  # the reference keeps the code in memory
-        self.model_address = int(library.ffi.cast("uintptr_t", model))
-        self._model, self._text = model, text
-        self._own = _OwnBuffers(text, library, model)
+        self._text, self._model = text, _LoadedModel(text, library, others)
+        self._own = _OwnBuffers(text, library, self._model)
         self.newton = locked_cache(lambda: load_newton(text.program))
-        self.step_work = locked_cache(lambda: count_step_work(text.program))
+        self.step_work = locked_cache(lambda: _step_work(text.program))
         self.in_lanes = locked_cache(partial(load_points, text))
+
+    def address_for(self, *, is_implicit: bool) -> int:
+        """Return the address of the ``cotree_model``; the Jacobian may be NULL if not needed."""
+        if is_implicit or self._text.layout.n_algebraic:
+            self._model.complete()
+        return int(self.library.ffi.cast("uintptr_t", self._model.c))
 
     def prepare(self, p: Array) -> None:
         """Set the parameters for this thread; raise ParameterError if a guard rejects them."""
         bound = self._own.bound
         bound.p[:] = p
-        status = self._model.prepare(*bound.prepared)
+        status = self._model.c.prepare(*bound.prepared)
         # C returns only a status; Python evaluates the guards again to name the rejected value.
         if status < 0:
             from cotree.model.failures import check_guards
@@ -276,27 +279,6 @@ NO_COMPILER = (
     "Evaluations and simulations need a C compiler, and none was found: run `pip install "
     "ziglang`. Equations, C and FMU sources can be written without a compiler."
 )
-
-
-class MissingKernels(Kernels):
-    """Substitute for kernels on a machine without a compiler: every call raises SolveError."""
-
-    backend = "none"
-
-    def __init__(self) -> None:
-        pass
-
-    def prepare(self, p: Array) -> None:
-        """Raise SolveError."""
-        raise SolveError(NO_COMPILER)
-
-    def address(self, name: str) -> int | None:
-        """Return None."""
-        return None
-
-    def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        """Raise SolveError."""
-        raise SolveError(NO_COMPILER)
 
 
 class SharedCode(NamedTuple):
@@ -377,7 +359,7 @@ def call_columns(
     pointer = partial(pointer_to, ffi)
     return int(
         library.lib.cotree_columns(
-            ffi.cast("cotree_model *", model.code.model_address),
+            ffi.cast("cotree_model *", model.code.address_for(is_implicit=False)),
             kernel if is_of_states else ffi.NULL,
             ffi.NULL if is_of_states else kernel,
             len(points.t),

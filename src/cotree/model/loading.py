@@ -8,6 +8,7 @@ import pickle
 import platform
 import warnings
 import zlib
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.errors import BuildError, Error
 from cotree.model.bound import BoundModel
-from cotree.model.kernels import Kernels, MissingKernels
+from cotree.model.kernels import Kernels
 from cotree.model.model import CompiledModel
 from cotree.model.start import find_start
 from cotree.quiet import level_of_user
@@ -47,18 +48,25 @@ def load_model(
             RuntimeWarning,
             stacklevel=level_of_user(),
         )
+        from cotree.model.failures import MissingKernels
+
         model = CompiledModel(text, MissingKernels(), options)
     else:
-        library, loaded = obtain_library(
-            text.files,
-            text.declarations,
+        obtain = partial(
+            obtain_library,
+            declarations=text.declarations,
             abi_version=ABI_VERSION,
             n_operations=text.n_written,
             n_all=text.n_written_in_all,
             options=options,
             toolchain=toolchain,
         )
-        model = CompiledModel(text, Kernels(text, loaded), options)
+        headers = {name: own for name, own in text.files.items() if name.endswith(".h")}
+        units = [{**headers, name: own} for name, own in text.units.items()]
+        first, *rest = units or [dict(text.files)]
+        library, loaded = obtain(first)
+        others = [partial(obtain, files) for files in rest]
+        model = CompiledModel(text, Kernels(text, loaded, *others), options)
         model.cached = library.cached
     if at_rest is not None:
         model.rest = OperatingPoint(model, at_rest)

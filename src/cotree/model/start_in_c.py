@@ -179,7 +179,7 @@ class StartCall(CObjects):
         self.c = c = self.new("cotree_start_call *")
         c.tables, c.z = starts.tables, self.pointer(self.z)
         c.p, c.k = map(self.pointer, (at.p, at.k))
-        c.model = ffi.cast("cotree_model *", model.code.model_address)
+        c.model = ffi.cast("cotree_model *", model.code.address_for(is_implicit=False))
         c.t, c.has_sensitivities, c.n_set = at.t, m > 0, len(initial)
         places = np.array([model.states.index(name) for name in initial], dtype=np.intc)
         self.places = places

@@ -287,7 +287,7 @@ class Job:
         c.has_sensitivities = int(problem.n_sensitivities > 0)
         c.is_held = int(problem.held is not None)
         c.is_extended = int(is_extended)
-        self._set_model(problem)
+        self._set_model(problem, is_implicit=row.implicit or row.family != "cotree")
         self._crossings: FloatArray = np.zeros((0, 1 + problem.n_states))
         if problem.singular is not None:
             from cotree.model.start_in_c import filled_tables
@@ -390,11 +390,12 @@ class Job:
         """The memory of the job's arrays, [byte]."""
         return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
-    def _set_model(self, problem: RunProblem) -> None:
+    def _set_model(self, problem: RunProblem, *, is_implicit: bool) -> None:
         """Set the model, its inputs, and the Python functions that C calls."""
         assert problem.native is not None
         c = self.job
-        c.model = self._ffi.cast("cotree_model *", problem.native.model.code.model_address)
+        code = problem.native.model.code
+        c.model = self._ffi.cast("cotree_model *", code.address_for(is_implicit=is_implicit))
         c.n_replaced, c.replaced = len(problem.replaced), self._tables(problem)
         if problem.functions:
             c.input_function = self._callbacks.input_function(problem.functions)

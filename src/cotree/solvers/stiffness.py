@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from cotree.model.kernels import StepWork
+    from cotree.codegen.newton import StepWork
     from cotree.solvers.problem import RunProblem
 
 
