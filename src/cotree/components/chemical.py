@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components.component import Component, Field, Role, Shape, optional, value
 from cotree.components.law import Law
 from cotree.components.ports import across_source, storage, through_source
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Kind, Terminal, active_port
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
@@ -81,9 +81,7 @@ def _port(number: int, name: str, net: int, law: Callable[[int], Law]) -> Termin
     through = law(net)
     # If the flow does not depend on the species' concentration, the port is a source.
     kind = Kind.DISSIPATOR if through.uses(f"across_{number}") else Kind.THROUGH_SOURCE
-    return Terminal(
-        _DOMAIN, kind, name, through=through, is_passive=False, between=(name, "ground")
-    )
+    return active_port(_DOMAIN, kind, name, through=through, between=(name, "ground"))
 
 
 def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:

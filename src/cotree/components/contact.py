@@ -27,7 +27,15 @@ from cotree.components.component import (
 )
 from cotree.components.law import Law, argument, larger, magnitude, sqrt
 from cotree.components.ports import demands_on_limits, scalar
-from cotree.components.terminal import Friction, Kind, PortMeasure, Stop, Terminal, Touch
+from cotree.components.terminal import (
+    Friction,
+    Kind,
+    PortMeasure,
+    Stop,
+    Terminal,
+    Touch,
+    active_port,
+)
 from cotree.errors import SceneError
 
 
@@ -45,7 +53,7 @@ def _port(domain: str, given: Given) -> Terminal:
     upper = Law(lambda stretch, upper: upper - stretch) if "upper" in given else None
     lower = Law(lambda stretch, lower: stretch - lower) if "lower" in given else None
     stop = Stop(upper, lower, Law(rebound), Law(excess))
-    return Terminal(domain, Kind.STOP, is_passive=False, stop=stop)
+    return active_port(domain, Kind.STOP, stop=stop)
 
 
 BOUNDED = Demand(
@@ -247,9 +255,7 @@ class _ContactForces:
             normal = f"normal{end}"
             gap = Touch(spot, "gap")
             found.append(
-                Terminal(
-                    "translational", Kind.SPRING, normal, through=force, is_passive=False, touch=gap
-                )
+                active_port("translational", Kind.SPRING, normal, through=force, touch=gap)
             )
             if self._has_friction:
                 found += self._slides(spot, end, normal)
@@ -263,12 +269,11 @@ class _ContactForces:
         speed = sqrt(squares + argument("transition") ** 2)
         factor = -argument(f"through_{normal}") * argument("friction") / speed
         return [
-            Terminal(
+            active_port(
                 "translational",
                 Kind.DISSIPATOR,
                 name,
                 through=factor * argument(f"across_{name}"),
-                is_passive=False,
                 touch=Touch(spot, slip),
             )
             for name, slip in zip(names, self._slips, strict=True)
@@ -334,9 +339,7 @@ CONTACT = scalar(
 def _gap(spot: int, end: str) -> Terminal:
     stop = Stop(None, argument("stretch"), Law(rebound), Law(excess), f"_normal{end}")
     touch = Touch(spot, "gap")
-    return Terminal(
-        "translational", Kind.STOP, f"normal{end}", is_passive=False, stop=stop, touch=touch
-    )
+    return active_port("translational", Kind.STOP, f"normal{end}", stop=stop, touch=touch)
 
 
 def _slip(spot: int, end: str) -> Terminal:
@@ -348,9 +351,7 @@ def _slip(spot: int, end: str) -> Terminal:
 
 def _sliding(spot: int, direction: int, end: str, friction: Friction) -> Terminal:
     name, touch = slide_name(direction, end), Touch(spot, f"slip{direction + 1}")
-    return Terminal(
-        "translational", Kind.FRICTION, name, is_passive=False, friction=friction, touch=touch
-    )
+    return active_port("translational", Kind.FRICTION, name, friction=friction, touch=touch)
 
 
 def _disc(spot: int, end: str) -> list[Terminal]:

@@ -34,7 +34,7 @@ from cotree.components.ports import (
     storage,
     through_source,
 )
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Kind, Terminal, active_port
 from cotree.errors import SceneError, check_known
 
 if TYPE_CHECKING:
@@ -84,9 +84,7 @@ NONLINEAR_INDUCTOR = content_storage(
 
 def _charge(port: str) -> Terminal:
     content, ends = argument(f"charge_{port}"), (port, "common")
-    return Terminal(
-        _DOMAIN, Kind.ACROSS_STORAGE, port, content=content, is_passive=False, between=ends
-    )
+    return active_port(_DOMAIN, Kind.ACROSS_STORAGE, port, content=content, between=ends)
 
 
 # The capacitance matrix need not be symmetric, so no port is passive.
@@ -148,8 +146,8 @@ GYRATOR = ideal_gyration(
 )
 
 #: Ports that control a source: an open port measures a voltage, a shorted port a current.
-_VOLTMETER = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, "control", through=ZERO, is_passive=False)
-_AMMETER = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=ZERO, is_passive=False)
+_VOLTMETER = active_port(_DOMAIN, Kind.THROUGH_SOURCE, "control", through=ZERO)
+_AMMETER = active_port(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=ZERO)
 
 
 def _controlled(
@@ -160,9 +158,9 @@ def _controlled(
     measured = "across_control" if by_voltage else "through_control"
     law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
     if gives_voltage:
-        output = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "output", across=law, is_passive=False)
+        output = active_port(_DOMAIN, Kind.ACROSS_SOURCE, "output", across=law)
     else:
-        output = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, "output", through=law, is_passive=False)
+        output = active_port(_DOMAIN, Kind.THROUGH_SOURCE, "output", through=law)
     given, by = ("voltage", "current")[not gives_voltage], ("voltage", "current")[not by_voltage]
     doc = f"{given} source controlled by a {by}"
     return scalar(name, doc, (value(*field, ""),), _VOLTMETER if by_voltage else _AMMETER, output)
@@ -179,8 +177,8 @@ CCCS = _controlled("cccs", False, False, ("gain", "1", "output current per contr
 
 
 # With infinite gain, input voltage and current are zero; the network determines the output.
-_INPUT = Terminal(_DOMAIN, Kind.NULLATOR, "input", across=ZERO, through=ZERO, is_passive=False)
-_OUTPUT = Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False)
+_INPUT = active_port(_DOMAIN, Kind.NULLATOR, "input", across=ZERO, through=ZERO)
+_OUTPUT = active_port(_DOMAIN, Kind.NORATOR, "output")
 
 IDEAL_OP_AMP = scalar(
     "ideal_op_amp",

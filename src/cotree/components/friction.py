@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components.component import Component, Field, optional, value
 from cotree.components.law import ZERO, Law, argument, exp, larger, magnitude, smaller
 from cotree.components.ports import ideal_coupling, scalar
-from cotree.components.terminal import Friction, Integral, Kind, Terminal
+from cotree.components.terminal import Friction, Integral, Kind, Terminal, active_port
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 
@@ -171,7 +171,7 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
     bent = argument("stiffness") * argument("stretch") + argument("damping") * rate
     speed_unit, slope_unit = f"{length}/s", f"{force_unit} s/{length}"
     through, bending = bent + argument("viscous") * v, Integral("z", length, rate)
-    port = Terminal(domain, Kind.SPRING, through=through, is_passive=False, integral=bending)
+    port = active_port(domain, Kind.SPRING, through=through, integral=bending)
     falls = "Stribeck speed, over which friction falls from its peak"
     fields = (
         value(force, force_unit, f"{force} of dry friction in steady sliding", "positive"),
@@ -215,9 +215,7 @@ def _gear_with_losses(given: Given) -> Component:
     ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
     ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)
     ends = ("input", "ground")
-    teeth = Terminal(
-        "rotational", Kind.FRICTION, "teeth", is_passive=False, between=ends, friction=friction
-    )
+    teeth = active_port("rotational", Kind.FRICTION, "teeth", between=ends, friction=friction)
     return replace(_GEAR, ports=(*ports, teeth))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components.component import optional, value
 from cotree.components.law import Law, argument, magnitude, sqrt
 from cotree.components.ports import across_source, resistance, scalar, storage, through_source
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Kind, Terminal, active_port
 
 if TYPE_CHECKING:
     from cotree.components.component import Adapted, Given, Nodes
@@ -74,7 +74,7 @@ VALVE = scalar(
         _TRANSITION,
     ),
     # A closed valve does not conduct: the equations are only positive semidefinite.
-    Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve), is_passive=False),
+    active_port(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve)),
 )
 
 TANK = scalar(

@@ -31,7 +31,7 @@ from cotree.components.ports import (
     storage,
     through_source,
 )
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Kind, Terminal, active_port
 from cotree.errors import SceneError
 
 
@@ -102,7 +102,7 @@ def _by_expression(spring: Component, m: _Motion) -> Adapt:
     """Return a function that gives a spring its stiffness, or the expression of its force."""
     # The slope of the expression may have any sign: the port is not passive.
     law = argument(m.force)
-    bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
+    bent = active_port(m.domain, Kind.SPRING, through=law)
     stiffness = replace(_stiffness(m, "nonzero"), required=True)
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
@@ -153,7 +153,7 @@ def _stop(m: _Motion) -> Component:
         optional("transition", m.length_unit, transition, 1e-6, "positive"),
     )
     # The force depends on stretch, as in a spring.
-    port = Terminal(m.domain, Kind.SPRING, through=Law(_stop_law), is_passive=False)
+    port = active_port(m.domain, Kind.SPRING, through=Law(_stop_law))
     return scalar(m.name("stop"), "elastic stops at both ends of a free travel", fields, port)
 
 
@@ -180,7 +180,7 @@ def _backlash(m: _Motion) -> Component:
         names = ("stretch", "across", "lower", "upper", "stiffness", "damping")
         # Omit the arguments of a limit that is absent.
         through = law(*map(argument, names))
-        return Terminal(m.domain, Kind.SPRING, through=through, is_passive=False)
+        return active_port(m.domain, Kind.SPRING, through=through)
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
         own = port("lower" in given, "upper" in given)
@@ -203,7 +203,7 @@ def _friction(m: _Motion) -> Component:
         optional("transition", m.speed_unit, transition, 1e-3, "positive"),
     )
     through = Law.taking(("across", m.force, "damping", "transition"), law)
-    port = Terminal(m.domain, Kind.DISSIPATOR, through=through, is_passive=False)
+    port = active_port(m.domain, Kind.DISSIPATOR, through=through)
     return scalar(m.name("friction"), "smoothed dry friction with viscous friction", fields, port)
 
 

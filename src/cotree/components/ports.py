@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Demand, Field, Given, Role
 from cotree.components.law import Law, argument
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Kind, Terminal, active_port
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def content_storage(
 ) -> Component:
     """Build a storage whose field is its content, such as a charge as a function of voltage."""
     content = argument(field.name)
-    return scalar(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
+    return scalar(name, doc, (field,), active_port(domain, kind, content=content))
 
 
 def resistance(domain: str, name: str, doc: str, field: Field) -> Component:

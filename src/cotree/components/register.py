@@ -14,7 +14,7 @@ from cotree.components.component import Acts, Component, Field, Plane, Role, val
 from cotree.components.law import Law
 from cotree.components.multibody import AXIS
 from cotree.components.ports import scalar
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Kind, Terminal, active_port
 from cotree.domains import DOMAINS
 from cotree.domains import domain as domain_of
 from cotree.errors import SceneError, brief, nearest
@@ -285,7 +285,7 @@ def _terminal(
         kind = Kind.DISSIPATOR
     else:
         kind = Kind.THROUGH_SOURCE if is_through else Kind.ACROSS_SOURCE
-    return Terminal(
+    return active_port(
         domain,
         kind,
         port,
@@ -293,7 +293,6 @@ def _terminal(
         through=law if is_through else None,
         storage=storage,
         # Slopes of user-defined laws may have any sign: equations may be unsymmetric or indefinite.
-        is_passive=False,
         between=between,
     )
 
@@ -319,7 +318,7 @@ def _content(
             f"{domain} graph has no such storage{also}"
         )
     kind = Kind.ACROSS_STORAGE if is_across else Kind.THROUGH_STORAGE
-    return Terminal(domain, kind, port, content=law, is_passive=False, between=between)
+    return active_port(domain, kind, port, content=law, between=between)
 
 
 def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:

@@ -32,7 +32,7 @@ from cotree.components.component import (
 )
 from cotree.components.law import ZERO, Law, argument, exp, larger, magnitude, select, smaller, sqrt
 from cotree.components.ports import resistive, scalar
-from cotree.components.terminal import Kind, PortMeasure, Terminal
+from cotree.components.terminal import Kind, PortMeasure, Terminal, active_port
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
@@ -398,9 +398,7 @@ class _Laws:
             # The sign of pnp transistors cancels, since voltage rates and currents both contain it.
             through += cross * argument(f"across_rate_{other}")
         through = self._of_port(through, own, other)
-        return Terminal(
-            _DOMAIN, kind, own, through=through, storage=storage, is_passive=False, between=between
-        )
+        return active_port(_DOMAIN, kind, own, through=through, storage=storage, between=between)
 
     def substrate(self, between: tuple[str, str]) -> Terminal:
         """Build the port of the substrate junction, which never conducts in forward direction."""
@@ -411,14 +409,8 @@ class _Laws:
             # The junction is reverse biased: its linear continuation begins at zero voltage.
             storage = depletion_capacity(v, "substrate", share=0)
         leakage = argument("leakage") * v if "leakage" in self.has else ZERO
-        return Terminal(
-            _DOMAIN,
-            kind,
-            "substrate",
-            through=leakage,
-            storage=storage,
-            is_passive=False,
-            between=between,
+        return active_port(
+            _DOMAIN, kind, "substrate", through=leakage, storage=storage, between=between
         )
 
     def _of_port(self, expression: Any, own: str, other: str) -> Any:
@@ -470,9 +462,7 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
     def port(own: str, other: str, gain: str, between: tuple[str, str]) -> Terminal:
         names = ("across", f"across_{other}", "saturation_current", gain, "thermal_voltage")
         through = Law.taking(names, law)
-        return Terminal(
-            _DOMAIN, Kind.DISSIPATOR, own, through=through, is_passive=False, between=between
-        )
+        return active_port(_DOMAIN, Kind.DISSIPATOR, own, through=through, between=between)
 
     plain = scalar(
         name,
@@ -539,21 +529,19 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
                 "positive",
             ),
         ),
-        Terminal(
+        active_port(
             _DOMAIN,
             Kind.DISSIPATOR,
             "ds",
             through=Law.taking(_CHANNEL, law),
-            is_passive=False,
             between=("drain", "source"),
         ),
-        Terminal(
+        active_port(
             _DOMAIN,
             Kind.THROUGH_SOURCE,
             "gs",
             # The gate has no static current; its port only measures the voltage.
             through=ZERO,
-            is_passive=False,
             between=("gate", "source"),
         ),
         terminals=("drain", "gate", "source"),

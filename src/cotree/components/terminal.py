@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 from cotree.components.law import Law, argument
 from cotree.domains import DOMAINS
@@ -167,6 +168,9 @@ class Terminal:
     stop: Stop | None = None
     touch: Touch | None = None  # for a contact of two bodies: the direction in which the port acts
 
+
+#: Terminal equation of a port of a component whose equations are not symmetric and definite.
+active_port = partial(Terminal, is_passive=False)
 
 _ACROSS = argument("across")
 

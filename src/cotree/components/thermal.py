@@ -7,7 +7,7 @@ from typing import Any
 from cotree.components.component import optional, value
 from cotree.components.law import Law
 from cotree.components.ports import across_source, resistance, scalar, storage, through_source
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Kind, Terminal, active_port
 
 _DOMAIN = "thermal"
 
@@ -59,7 +59,7 @@ RADIATION = scalar(
         optional("emissivity", "1", "effective emissivity of the two surfaces", 1.0, "positive"),
     ),
     # Not passive: the derivatives with respect to the two temperatures differ in magnitude.
-    Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation), is_passive=False),
+    active_port(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation)),
 )
 
 # Temperatures are absolute, since radiation does not depend on their difference alone.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components.component import optional, value
 from cotree.components.law import Law, argument
 from cotree.components.ports import ideal_gyration, scalar
-from cotree.components.terminal import Kind, Terminal
+from cotree.components.terminal import Kind, active_port
 
 if TYPE_CHECKING:
     from cotree.components.component import Adapted, Component, Field, Given, Nodes
@@ -31,19 +31,14 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
         ("across", "resistance", "constant", moving), lambda v, r, k, w: (v - k * w) / r
     )
     # The coupling with the moving part makes the equations unsymmetric: the port is not passive.
-    resistive = Terminal(
-        "electrical",
-        Kind.DISSIPATOR,
-        "electrical",
-        across=voltage,
-        through=current,
-        is_passive=False,
+    resistive = active_port(
+        "electrical", Kind.DISSIPATOR, "electrical", across=voltage, through=current
     )
     winding = replace(
         resistive, kind=Kind.THROUGH_STORAGE, through=None, storage=argument("inductance")
     )
     effort = Law(lambda constant, through_electrical: -constant * through_electrical)
-    output = Terminal(domain, Kind.THROUGH_SOURCE, port, through=effort, is_passive=False)
+    output = active_port(domain, Kind.THROUGH_SOURCE, port, through=effort)
     fields = (
         value("resistance", "ohm", "resistance of the winding"),
         optional("inductance", "H", "inductance of the winding; zero if omitted", None, "positive"),
@@ -124,16 +119,15 @@ SOLENOID = scalar(
         value("gap", "m", "opening at which the inductance is halved"),
         optional("leakage", "H", "leakage inductance, independent of position", 0.0, "nonnegative"),
     ),
-    Terminal(
+    active_port(
         "electrical",
         Kind.THROUGH_STORAGE,
         "electrical",
         across=Law(_solenoid_voltage),
         storage=Law.taking(("stretch_plunger", "inductance", "gap", "leakage"), _inductance),
-        is_passive=False,
     ),
     # Through is minus the derivative of the coenergy L(s) i^2 / 2 with respect to s.
-    Terminal(
+    active_port(
         "translational",
         Kind.THROUGH_SOURCE,
         "plunger",
@@ -142,7 +136,6 @@ SOLENOID = scalar(
                 -0.5 * through_electrical**2 * _slope(stretch, inductance, gap)
             )
         ),
-        is_passive=False,
     ),
     loss=_LOSS,
 )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Kind, Role, Terminal
 from cotree.components.law import ZERO
+from cotree.components.terminal import active_port
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import Dag
 from cotree.domains import DOMAINS
@@ -242,7 +243,5 @@ def _is_meter(port: Port) -> bool:
 
 
 def _open(source: Port, tail: str, head: str, measured: str) -> Port:
-    terminal = Terminal(
-        source.terminal.domain, Kind.THROUGH_SOURCE, measured, through=ZERO, is_passive=False
-    )
+    terminal = active_port(source.terminal.domain, Kind.THROUGH_SOURCE, measured, through=ZERO)
     return Port(f"{source.name}.{measured}", source.edge, terminal, PortEnds(tail, head))
