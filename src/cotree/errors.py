@@ -6,8 +6,9 @@ Messages name the edge, node, parameter or file line at fault and the remedy.
 from __future__ import annotations
 
 import difflib
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -131,6 +132,14 @@ def check_known(
     for name in given:
         if name not in names:
             raise error(f"{what} '{brief(name)}'{after}{nearest(name, names)}")
+
+
+def optional_package(name: str, what: str, extra: str, error: type[Error] = Error) -> Any:
+    """Import a package; if it is missing, raise an error with the command that installs it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise error(f"{what} {name}: run `pip install 'cotree[{extra}]'`") from None
 
 
 def brief(text: object, longest: int = 60) -> str:

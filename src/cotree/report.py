@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import Error
+from cotree.errors import optional_package
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -227,13 +227,7 @@ class Listing(Reported, dict[str, Any]):
 
 def frame(data: Sequence[Mapping[str, Any]] | Mapping[str, Any], index: str | None = None) -> Any:
     """Convert rows or columns to a pandas DataFrame; raise Error if pandas is not installed."""
-    try:
-        import pandas as pd
-    except ImportError as error:
-        raise Error(
-            "tables need pandas: run `pip install pandas` (the extra cotree[data])"
-        ) from error
-    table = pd.DataFrame(data)
+    table = optional_package("pandas", "tables need", "data").DataFrame(data)
     return table.set_index(index) if index and len(table) else table
 
 

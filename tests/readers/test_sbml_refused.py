@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
+import sys
 
 import pytest
 from sbml_texts import function_text, math_text, model_text, parts_text, species_text, whole_text
@@ -127,14 +127,7 @@ def test_values_that_a_file_leaves_out_may_be_given(tmp_path):
 
 
 def test_without_libsbml_a_sentence_names_the_extra(monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *args, **kwargs):
-        if name == "libsbml":
-            raise ImportError
-        return real(name, *args, **kwargs)
-
     text = whole_text()
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(cotree.Error, match=r"pip install cotree\[sbml\]"):
+    monkeypatch.setitem(sys.modules, "libsbml", None)
+    with pytest.raises(cotree.Error, match=r"pip install 'cotree\[sbml\]'"):
         read_sbml_text(text, "m.xml", cotree.Scene)

@@ -25,7 +25,7 @@ from cotree.cli.options import (
     tree_option,
     write_file,
 )
-from cotree.errors import Error, ParameterError, brief, nearest
+from cotree.errors import ParameterError, brief, nearest, optional_package
 from cotree.files import read_text
 from cotree.quiet import without_warnings
 from cotree.report import Report, Table
@@ -132,10 +132,7 @@ def _distribution(name: str, text: str) -> tuple[Any, ...]:
 
 def _table(path: Path) -> Any:
     """Read a member table from a file; its column ``member``, if any, contains labels."""
-    try:
-        import pandas as pd
-    except ImportError as error:
-        raise Error("tables of members need pandas: run `pip install cotree[ensembles]`") from error
+    pd = optional_package("pandas", "tables of members need", "ensembles")
     text = read_text(path, _LARGEST_TABLE)
     try:
         separator = max(",;\t", key=text.partition("\n")[0].count)

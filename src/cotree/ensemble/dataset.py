@@ -20,7 +20,7 @@ from cotree.ensemble.members import MEMBER, Members
 from cotree.ensemble.pattern import NotBatchable, refusal_of
 from cotree.ensemble.plan import FEW, Block, Plan
 from cotree.ensemble.reasons import Reasons
-from cotree.errors import Error, SceneError, SolveError
+from cotree.errors import Error, SceneError, SolveError, optional_package
 from cotree.files import atomic_write, check_parent, check_suffix, target_path, write_csv
 from cotree.quiet import without_warnings
 from cotree.scene.settings import SHARED
@@ -47,14 +47,7 @@ _TAKEN = {MEMBER, TIME, PARAMETER, OCCURRENCE, "parameter_unit", *_PER_MEMBER}
 
 def check_xarray() -> Any:
     """Return the module xarray; raise an error if it is not installed."""
-    try:
-        import xarray
-    except ImportError as error:
-        raise Error(
-            "ensembles give their results as an xarray.Dataset: run `pip install xarray pandas`, "
-            "or install the extra, `pip install cotree[ensembles]`"
-        ) from error
-    return xarray
+    return optional_package("xarray", "results of ensembles need", "ensembles")
 
 
 class DatasetSchema:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.dag.nodes import TIME, kinds_in
-from cotree.errors import ParameterError
+from cotree.errors import ParameterError, optional_package
 from cotree.model.columns import input_jacobian
 
 if TYPE_CHECKING:
@@ -130,14 +129,7 @@ def rates_of(
 
 def casadi_function(rates: RateFunction) -> Any:
     """Return a ``casadi.Callback`` with arguments x, u and p, and result dx."""
-    try:
-        casadi: Any = import_module("casadi")
-    except ImportError:
-        raise ParameterError(
-            "as_casadi() needs the package casadi: run `pip install casadi` (the extra "
-            "cotree[casadi])"
-        ) from None
-
+    casadi: Any = optional_package("casadi", "as_casadi() needs", "casadi", ParameterError)
     n = rates.sizes[0]
 
     class Named(casadi.Callback):  # type: ignore[misc]
@@ -207,12 +199,7 @@ _INLINE = 96_000
 
 def jax_function(rates: RateFunction) -> Any:
     """Return a JAX function of x, u and p that supports ``jit``, ``vmap`` and first derivatives."""
-    try:
-        jax: Any = import_module("jax")
-    except ImportError:
-        raise ParameterError(
-            "as_jax() needs the package jax: run `pip install jax` (the extra cotree[jax])"
-        ) from None
+    jax: Any = optional_package("jax", "as_jax() needs", "jax", ParameterError)
     if not jax.config.jax_enable_x64:
         raise ParameterError(
             "as_jax() computes in double precision, which JAX leaves off: call "
@@ -318,12 +305,7 @@ def _checked(rates: RateFunction, convert: Callable[[Any], Any], *arguments: Any
 
 def torch_function(rates: RateFunction) -> Any:
     """Return a PyTorch function of x, u and p for ``backward``, ``vmap`` and first derivatives."""
-    try:
-        torch: Any = import_module("torch")
-    except ImportError:
-        raise ParameterError(
-            "as_torch() needs the package torch: run `pip install torch`"
-        ) from None
+    torch: Any = optional_package("torch", "as_torch() needs", "torch", ParameterError)
 
     def evaluated(evaluate: Any, arguments: Any) -> Any:
         values = (row.detach().cpu().numpy() for row in arguments)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import Error, ParameterError, SingularSystemError, brief, nearest
+from cotree.errors import ParameterError, SingularSystemError, brief, nearest, optional_package
 from cotree.report import Facts, Report, Reported, matrix, names
 
 if TYPE_CHECKING:
@@ -194,17 +194,12 @@ class Linearization(Reported):
         Error
             If the package is not installed.
         """
-        try:
-            from control import StateSpace
-        except ImportError as error:
-            raise Error(
-                "to_control() needs the package control: run `pip install control` (the extra "
-                "cotree[control]), or use to_scipy()"
-            ) from error
+        control = optional_package("control", "to_control(), unlike to_scipy(), needs", "control")
         given = {
             name: _without_dots(getattr(self, name)) for name in ("states", "inputs", "outputs")
         }
-        return StateSpace(self.A, self.B, self.C, self.D, **given, remove_useless_states=False)
+        matrices = self.A, self.B, self.C, self.D
+        return control.StateSpace(*matrices, **given, remove_useless_states=False)
 
     @property
     def in_modes(self) -> str:

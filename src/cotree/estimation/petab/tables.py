@@ -20,7 +20,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cotree.errors import Error, SceneError, brief, nearest
+from cotree.errors import SceneError, brief, nearest, optional_package
 from cotree.estimation.estimated import SCALES
 from cotree.files import read_text
 from cotree.readers.names import LARGEST_FILE, SourceLine
@@ -391,9 +391,6 @@ def _measurement(
     )
 
 
-_MISSING = "reading PEtab problems needs PyYAML: run `pip install 'cotree[petab]'`"
-
-
 def read_tables(path: str | Path) -> Tables:
     """Read the tables that a YAML file lists."""
     data, folder = _parsed(path), Path(path).parent
@@ -432,10 +429,7 @@ def read_tables(path: str | Path) -> Tables:
 
 
 def _parsed(path: str | Path) -> dict[str, Any]:
-    try:
-        import yaml
-    except ImportError:
-        raise Error(_MISSING) from None
+    yaml = optional_package("yaml", "reading PEtab problems needs", "petab")
     text = read_text(path, LARGEST_FILE)
     try:
         data = yaml.safe_load(text)

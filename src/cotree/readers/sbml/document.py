@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import Error, ExpressionError, brief
+from cotree.errors import ExpressionError, brief, optional_package
 from cotree.readers.names import SourceLine
 from cotree.readers.xml_tree import parse_xml
 
@@ -124,10 +124,7 @@ def read_document(text: str, where: str) -> SbmlContent:
                 f"the package '{brief(package)}' changes the meaning of the model, and is not "
                 "supported: convert the file to core SBML"
             )
-    try:
-        import libsbml
-    except ImportError:
-        raise Error("reading SBML needs python-libsbml: run `pip install cotree[sbml]`") from None
+    libsbml = optional_package("libsbml", "reading SBML needs", "sbml")
     # The text is already decoded, so the encoding in its first line is replaced.
     document = libsbml.readSBMLFromString(_DECLARATION.sub(_UTF_8, text, count=1))
     return _Reader(document, where, libsbml).read()
