@@ -25,7 +25,7 @@ from cotree.cli.options import (
     tree_option,
     write_file,
 )
-from cotree.errors import ParameterError, brief, nearest, optional_package
+from cotree.errors import ParameterError, brief, check_known, optional_package
 from cotree.files import read_text
 from cotree.quiet import without_warnings
 from cotree.report import Report, Table
@@ -302,9 +302,7 @@ def _check_shown(model: Model, show: Sequence[str], outputs: Sequence[str]) -> N
     """Raise an error if --plot or --output names something unknown; called before any run."""
     from cotree.plot import choose_curves
 
-    for name in outputs:
-        if name not in model.outputs:
-            raise ParameterError(f"--output names no output '{name}'{nearest(name, model.outputs)}")
+    check_known(outputs, model.outputs, "--output names no output", error=ParameterError)
     if show:
         choose_curves(show, model.states, outputs or model.outputs, (), model.sensitivities)
 

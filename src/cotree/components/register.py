@@ -17,7 +17,7 @@ from cotree.components.ports import scalar
 from cotree.components.terminal import Kind, Terminal, active_port
 from cotree.domains import DOMAINS
 from cotree.domains import domain as domain_of
-from cotree.errors import SceneError, brief, nearest
+from cotree.errors import SceneError, brief, check_known
 from cotree.naming import check_name
 
 #: Arguments of force laws that are variables, not fields, by the direction of the force.
@@ -221,12 +221,8 @@ def _places(
     places = {}
     for port in ports:
         pair = tuple(between.get(port, ()))
-        for node in pair:
-            if node not in terminals and node != "ground":
-                raise SceneError(
-                    f"port '{port}' of component '{name}' ends at '{node}', which is not one "
-                    f"of its terminals{nearest(str(node), terminals)}"
-                )
+        what = f"port '{port}' of component '{name}' ends at"
+        check_known(pair, {*terminals, "ground"}, what, ", which is not one of its terminals")
         if len(pair) != 2:
             raise SceneError(f"component '{name}' must state the two nodes of '{port}'")
         places[port] = (pair[0], pair[1])
@@ -236,15 +232,12 @@ def _places(
 def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
     """Return the variable that each port's law returns; raise SceneError if it is not allowed."""
     given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
-    for port, what in given.items():
-        if port not in ports:
+    what = f"gives of component '{name}' names"
+    check_known(given, ports, what, ", which is not one of its ports")
+    for gives in given.values():
+        if gives not in ("", *_GIVES):
             raise SceneError(
-                f"gives of component '{name}' names '{port}', which is not one of its "
-                f"ports{nearest(str(port), ports)}"
-            )
-        if what not in ("", *_GIVES):
-            raise SceneError(
-                f"component '{name}' gives {what!r}: give one of {', '.join(map(repr, _GIVES))}"
+                f"component '{name}' gives {gives!r}: give one of {', '.join(map(repr, _GIVES))}"
             )
     return given
 

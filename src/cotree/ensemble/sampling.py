@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.arguments import check_choice, check_whole
-from cotree.errors import ParameterError, brief, nearest
+from cotree.errors import ParameterError, brief, check_known, nearest
 from cotree.model.model import CompiledModel
 from cotree.model.start import scene_start
 from cotree.report import frame
@@ -51,8 +51,7 @@ def read_distribution(
             "frozen distribution of scipy.stats"
         )
     kind, *rest = given
-    if kind not in KINDS:
-        raise ParameterError(f"{what} is of the unknown kind '{brief(kind)}'{nearest(kind, KINDS)}")
+    check_known([kind], KINDS, f"{what} is of the unknown kind", error=ParameterError)
     wanted = KINDS[kind]
     if len(rest) != len(wanted):
         raise ParameterError(

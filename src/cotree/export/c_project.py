@@ -28,7 +28,7 @@ from cotree.codegen.tableaus import FIXED, FixedStep, RosenbrockTableau, Tableau
 from cotree.codegen.targets import BY_REAL, DOUBLE, Target
 from cotree.dag.nodes import Node, symbols_in
 from cotree.dag.switching_times import value_of
-from cotree.errors import CodegenError, SolveError, nearest
+from cotree.errors import CodegenError, SolveError, check_known
 from cotree.export.c_checks import (
     Evaluated,
     check_loops,
@@ -310,9 +310,7 @@ def write_c_project(
     """
     kit = Kit(kit) if isinstance(kit, str) else kit
     methods, target = kit.methods(), kit.target()
-    for name in methods:
-        if name not in METHODS:
-            raise CodegenError(f"there is no integrator '{name}'{nearest(name, METHODS)}")
+    check_known(methods, METHODS, "there is no integrator", error=CodegenError)
     check_methods(methods)
     check_numbers(t_end, rtol, atol)
     check_step(program, methods[0], step)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.errors import TopologyError, listed, nearest
+from cotree.errors import TopologyError, check_known, listed, nearest
 from cotree.report import Table
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class LinearGraph:
         _check_unique("node", self.nodes, self.domain)
         # Names must be unique within a domain: they become rows and columns of its matrices.
         _check_unique("edge", (edge.name for edge in self.edges), self.domain)
-        known = set(self.nodes)
+        known = frozenset(self.nodes)
         # Node potentials are relative to the reference, at which walks start.
         if self.reference not in known:
             raise TopologyError(
@@ -71,11 +71,8 @@ class LinearGraph:
                 "connect an edge to it"
             )
         for edge in self.edges:
-            for node in (edge.tail, edge.head):
-                if node not in known:
-                    raise TopologyError(
-                        f"edge '{edge.name}' ends at unknown node '{node}'{nearest(node, known)}"
-                    )
+            what = f"edge '{edge.name}' ends at unknown node"
+            check_known((edge.tail, edge.head), known, what, error=TopologyError)
             # A self-loop would be a circuit of one edge, whose across variable is always zero.
             if edge.tail == edge.head:
                 raise TopologyError(

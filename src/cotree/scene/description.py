@@ -571,8 +571,7 @@ def _visual(table: object, number: int, nodes: Collection[str]) -> Visual:
     where = f"visual {number} of the origin"
     rows = _entries(table, Visual, where)
     node, shape, file = (_text(rows, key, where) for key in ("node", "shape", "file"))
-    if node not in nodes:
-        raise SceneError(f"{where} is at the unknown node '{brief(node)}'{nearest(node, nodes)}")
+    check_known((node,), nodes, f"{where} is at the unknown node")
     check_known((shape,), _SHAPES, f"{where} has the unknown shape")
     size, xyz, rpy = (_three(rows.get(key, _ZERO), f"{key} of {where}") for key in _VECTORS)
     return Visual(node, shape, size, file, xyz, rpy)
