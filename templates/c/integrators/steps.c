@@ -31,9 +31,15 @@ void METHOD(watch)(integrator *d, int n)
 
 #endif
 /* Initialise at (t, y), with the first arrays of the workspace. */
+#if COTREE_IMPLICIT
 static cotree_status initialise(integrator *d, int n, cotree_rate_function rate, void *context,
                            cotree_real t, const cotree_real *y, cotree_real rtol, cotree_real atol,
                            cotree_real *workspace)
+#else
+cotree_status METHOD(init)(integrator *d, int n, cotree_rate_function rate, void *context,
+                           cotree_real t, const cotree_real *y, cotree_real rtol, cotree_real atol,
+                           cotree_real *workspace)
+#endif
 {
     int i;
     if (n < 0 || !is_finite(t) || !are_tolerances(rtol, atol) || !are_finite(n, y)) {
@@ -62,6 +68,12 @@ static cotree_status initialise(integrator *d, int n, cotree_rate_function rate,
     for (i = 0; i < n; ++i) d->now[i] = y[i];
     d->y = d->now;
     begin_control(d, 0, COTREE_F(0.0));
+#if !COTREE_IMPLICIT
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
+    d->rejected = NULL;
+#endif
+    METHOD(watch)(d, n);
+#endif
     return COTREE_OK;
 }
 
@@ -83,19 +95,6 @@ cotree_status METHOD(init)(integrator *d, cotree_implicit_equation equation, cot
     d->right = d->time_slope + n;
     d->left = d->right + n;
     d->scales = d->left + n;
-    return COTREE_OK;
-}
-#else
-cotree_status METHOD(init)(integrator *d, int n, cotree_rate_function rate, void *context,
-                           cotree_real t, const cotree_real *y, cotree_real rtol, cotree_real atol,
-                           cotree_real *workspace)
-{
-    const cotree_status status = initialise(d, n, rate, context, t, y, rtol, atol, workspace);
-    if (status != COTREE_OK) return status;
-#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
-    d->rejected = NULL;
-#endif
-    METHOD(watch)(d, n);
     return COTREE_OK;
 }
 #endif

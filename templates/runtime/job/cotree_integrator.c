@@ -11,15 +11,17 @@ const char *cotree_status_message(cotree_status status)
         {COTREE_RATE_FAILED, "the right-hand side fails"},
         {COTREE_RATE_NOT_FINITE, "the right-hand side is not finite"},
         {COTREE_RATE_STOPPED, "the right-hand side stopped the integration"},
+        {COTREE_NOT_SOLVED, "the algebraic unknowns cannot be solved for"},
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
         {COTREE_PROJECTION_FAILED,
          "the projection onto the constraints fails, or moves a step by many tolerances"},
-        {COTREE_NOT_FINITE, "the solution is no longer finite"},
-        {COTREE_NOT_SOLVED, "the algebraic unknowns cannot be solved for"},
+        {COTREE_NOT_PROJECTED, "the constraints cannot be satisfied"},
+#endif
 #if COTREE_HAS_ALGEBRAIC
         {COTREE_FOLD, "the algebraic unknowns would jump to another solution"},
 #endif
-        {COTREE_NOT_PROJECTED, "the constraints cannot be satisfied"},
 #if COTREE_HAS_SUNDIALS
+        {COTREE_NOT_FINITE, "the solution is no longer finite"},
         {COTREE_NO_MEMORY, "SUNDIALS could not allocate memory"},
         {COTREE_CANNOT_START, "the integrator cannot start"},
         {COTREE_TOO_TIGHT, "the tolerances are too tight for double precision"},

@@ -53,14 +53,18 @@ typedef struct cotree_stiffness {
 typedef enum cotree_status {
     COTREE_OK = 0,
     COTREE_BAD_ARGUMENT = 1,
-    COTREE_TOO_MANY_STEPS = 2,    /* max_steps were tried in one call of integrate */
-    COTREE_STEP_TOO_SMALL = 3,    /* the tolerances require steps below the resolution of t */
-    COTREE_RATE_FAILED = 4,       /* the rates cannot be evaluated, with any step size */
-    COTREE_RATE_NOT_FINITE = 5,   /* a rate is not finite, with any step size */
-    COTREE_RATE_STOPPED = 6,      /* the right-hand side returned a negative number */
+    COTREE_TOO_MANY_STEPS = 2,  /* max_steps were tried in one call of integrate */
+    COTREE_STEP_TOO_SMALL = 3,  /* the tolerances require steps below the resolution of t */
+    COTREE_RATE_FAILED = 4,     /* the rates cannot be evaluated, with any step size */
+    COTREE_RATE_NOT_FINITE = 5, /* a rate is not finite, with any step size */
+    COTREE_RATE_STOPPED = 6,    /* the right-hand side returned a negative number */
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     COTREE_PROJECTION_FAILED = 7, /* the projection fails, with any step size */
+    COTREE_NOT_PROJECTED = 11,    /* the projection fails at a point to be stored */
+#endif
 #if COTREE_HAS_SUNDIALS
     COTREE_NO_MEMORY = 8,
+    COTREE_NOT_FINITE = 9,
     COTREE_CANNOT_START = 12,
     COTREE_TOO_TIGHT = 13,
     COTREE_ERROR_TEST_FAILED = 14,
@@ -71,9 +75,7 @@ typedef enum cotree_status {
 #if COTREE_HAS_ALGEBRAIC
     COTREE_FOLD = 18, /* the algebraic unknowns reach a fold, or would jump to another solution */
 #endif
-    COTREE_NOT_FINITE = 9,
-    COTREE_NOT_SOLVED = 10, /* algebraic unknowns, or values that depend on them, cannot be found */
-    COTREE_NOT_PROJECTED = 11 /* the projection fails at a point to be stored */
+    COTREE_NOT_SOLVED = 10 /* algebraic unknowns, or values that depend on them, cannot be found */
 } cotree_status;
 
 /* A status and its description. */

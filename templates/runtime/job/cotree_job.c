@@ -108,7 +108,6 @@ static void init_events(cotree_job *job, cotree_engine *e, cotree_arena *arena)
 static void lay_out_singularity(cotree_job *job, cotree_engine *e, cotree_arena *arena)
 {
     cotree_singularity spare;
-    e->singularity = NULL;
     if (job->constraints == NULL || job->constraints->n_rows == 0 || !job->is_held) return;
     e->singularity = (cotree_singularity *)cotree_arena_alloc(arena, sizeof(spare), &spare);
     cotree_singularity_init(e->singularity, job, e->of_states, arena);
@@ -122,16 +121,14 @@ static void lay_out_job(cotree_job *job, cotree_arena *arena)
                              (cotree_engine *)cotree_arena_alloc(arena, sizeof(spare), &spare);
 #if COTREE_HAS_MOVING_BREAKPOINTS
     int i;
+#endif
+    memset(e, 0, sizeof *e);
+#if COTREE_HAS_MOVING_BREAKPOINTS
     for (i = 0; i < 4; ++i) e->work[i] = cotree_arena_reals(arena, job->n);
 #endif
     e->w = cotree_arena_reals(arena, job->n);
-    e->origin = COTREE_F(0.0);
-    e->is_running = 0;
-    e->is_helped = 0;
-    e->n_short = 0;
 #if COTREE_HAS_ALGEBRAIC
     e->return_time = -COTREE_INFINITY;
-    e->is_repeated = 0;
 #endif
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     e->before = cotree_arena_reals(arena, job->n);
@@ -288,6 +285,11 @@ static int fail(cotree_job *job, int status)
         job->event_time = events->failure_time;
         job->event_detail = events->detail;
     }
+#endif
+#if COTREE_HAS_ALGEBRAIC
+    /* Without constraints, a projection solves for algebraic unknowns only. */
+    if (status == COTREE_PROJECTION_FAILED && job->model->n_constraints == 0)
+        status = COTREE_NOT_SOLVED;
 #endif
     job->status = status;
     if (STEPPER->blame != NULL) STEPPER->blame(job, status);

@@ -27,7 +27,9 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
                      const cotree_real *k, cotree_real *u, int has_sensitivities,
                      cotree_arena *arena)
 {
+#if COTREE_HAS_ALGEBRAIC
     const int m = model->n_algebraic;
+#endif
 #if COTREE_HAS_SENSITIVITIES
     const int n_reached = model->sensitivity_starts[model->n_sensitivities];
     int i;
@@ -41,7 +43,7 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
     run->low = -COTREE_INFINITY;
     run->high = COTREE_INFINITY;
     run->n_blocks = has_sensitivities && model->n_states > 0 ? 1 + model->n_sensitivities : 1;
-    run->n_rates = model->n_states - m;
+    run->n_rates = model->n_states - model->n_algebraic;
     run->n_lead = run->n_rates;
     run->n = run->n_rates;
     run->n_packed = model->n_states;
@@ -53,9 +55,11 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
     }
 #endif
     run->full = cotree_arena_reals(arena, run->n_full);
-    run->rates = cotree_arena_reals(arena, run->n_full + m + 2);
+#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT || COTREE_HAS_CONSTRAINTS
+    run->rates = cotree_arena_reals(arena, run->n_full + model->n_algebraic + 2);
     run->held = cotree_arena_reals(arena, run->n_full);
     run->step = cotree_arena_reals(arena, run->n_full);
+#endif
 #if COTREE_HAS_CONSTRAINTS
     run->is_held = 1;
     run->is_strict = 1;
@@ -269,9 +273,9 @@ void cotree_run_keep(cotree_run *run, int n, const cotree_real *w)
 }
 #endif
 
+#if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w)
 {
-#if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
     const cotree_helper *const helper = run->helper;
     int status = cotree_run_complete(run, t, w);
     if (status <= 0 || N_ALGEBRAIC == 0 || helper == NULL) return status;
@@ -285,10 +289,8 @@ int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w)
     }
 #endif
     return status;
-#else
-    return cotree_run_complete(run, t, w);
-#endif
 }
+#endif
 
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_EVENTS
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)

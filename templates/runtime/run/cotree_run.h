@@ -95,7 +95,6 @@ typedef struct cotree_run {
     int n_blocks;
     int n_rates; /* number of states without algebraic unknowns */
     int n_lead;  /* number of entries of w before the sensitivities */
-    cotree_real *rates, *held, *step;
 #if COTREE_HAS_ALGEBRAIC
     int is_extended; /* 1: w contains algebraic unknowns */
     int is_solving;  /* 1: unknowns are solved for at each point, even if w contains them */
@@ -111,6 +110,9 @@ typedef struct cotree_run {
 #endif
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT
     cotree_real *nonzeros;
+#endif
+#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT || COTREE_HAS_CONSTRAINTS
+    cotree_real *rates, *held, *step;
 #endif
 #if COTREE_HAS_CONSTRAINTS
     cotree_real *residual;
@@ -206,8 +208,12 @@ int cotree_run_is_projected(const cotree_run *run);
 /* Compute all states and sensitivities at w into run->full. */
 int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w);
 
+#if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
 /* As cotree_run_complete, but call the helper if the iterations fail. */
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w);
+#else
+#define cotree_run_find cotree_run_complete
+#endif
 
 /* As cotree_run_find, without sensitivities. */
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w);
