@@ -438,7 +438,7 @@ def _disc_rows(port: Port) -> list[_Row]:
             "slips",
             f"{stuck}*({limit} - {force}) + {struck}*{limit}",
             ModePart.FORWARD_LIMIT,
-            own | {disc.slow: _SLOW} | changes[1],
+            own | {disc.slow: _SLOW} | directions | changes[1],
         ),
         ("turns", turns, ModePart.TURN, turn),
         # These events update the sliding direction before slip ends; later it hardly changes.

@@ -44,15 +44,24 @@ cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t, cot
                : COTREE_F(0.0);
 }
 
-/* Evaluate the motion with all friction sliding in the given direction and all stops open. */
-static int evaluate_sliding(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real mode)
+/* Evaluate the motion with all friction sliding forwards (1) or backwards (-1) and all stops open.
+ * A disc slides in its direction or, backwards, in the opposite direction. */
+static int evaluate_sliding(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real way)
 {
     cotree_row *row;
-    for (row = e->rows; row < END_OF_ROWS; ++row)
-        row->mode = row->type == COTREE_ROW_FRICTION ? mode
+    int c, status;
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        const cotree_real slides = cotree_is_disc(row) ? COTREE_F(1.0) : way;
+        row->mode = row->type == COTREE_ROW_FRICTION ? slides
                     : row->type == COTREE_ROW_LOAD   ? w[row->mode_state]
                                                      : COTREE_F(0.0);
-    return cotree_evaluate_motion(e, t, w);
+        for (c = 0; c < COTREE_COMPONENTS; ++c) row->direction[c] *= way;
+    }
+    status = cotree_evaluate_motion(e, t, w);
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        for (c = 0; c < COTREE_COMPONENTS; ++c) row->direction[c] *= way;
+    }
+    return status;
 }
 
 /* Determine whether a friction row is active, and otherwise its mode. */
@@ -70,7 +79,7 @@ static int find_slip(cotree_events *e, cotree_row *row, cotree_real t, const cot
     cotree_real near = ZERO_ROUNDINGS * (COTREE_SCAN_ROUNDING * e->value_scale[i] +
                                          cotree_spacing(t) * COTREE_FABS(rate));
     near = COTREE_FMAX(near, cotree_rounding_band(e, i));
-    /* In mode -1 the slip rate has the opposite sign, so the sum is the difference of the
+    /* Backwards, the slip rate has the opposite sign, so the sum is the difference of the
      * accelerations in both modes. */
     row->acceleration_scale =
         COTREE_FMAX(COTREE_FABS(row->acceleration_scale + rate),
