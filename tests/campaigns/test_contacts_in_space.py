@@ -24,6 +24,10 @@ G = 9.81
 #: Plates that fall flat from an edge: two corners, or four, hit at once.
 FLAT = (21, 59, 99, 166)
 
+#: Others once found to fail: a corner without force, on which a plate lies with two others, and an
+#: impact beside a corner that rests.
+FOUND = (74, 195)
+
 #: Ends that rigid bodies with Coulomb's friction may have: no solution, several, or a jam.
 TRUE_ENDS = "jams|no consistent|gain energy|not unique|allows|accumulate"
 
@@ -108,6 +112,7 @@ def stepped(body, end, h):
     first = np.cross(n, [1.0, 0.3, 0.2])
     first /= np.linalg.norm(first)
     frame = np.array([n, first, np.cross(n, first)])
+    size = max(np.linalg.norm(p) for p in body.points)
 
     def rotated(q, w, h):
         a, b = q[0], q[1:]
@@ -120,8 +125,10 @@ def stepped(body, end, h):
         free_v = v + h * np.array([0.0, 0.0, -G])
         free_w = w - h * np.cross(w, inertia * w) / inertia
         arms = [R @ p - body.radius * n for p in body.points]
-        # The shift leaves gaps of second order in its angles.
-        closed = [arm for arm in arms if (middle_x + arm) @ n <= 1e-9]
+        # Half a step along the tangent lifts a point that rests while the body turns about it. It
+        # takes part in impacts of other points, whose result is another one without it.
+        lifts = 0.5 * (0.5 * h * np.linalg.norm(w)) ** 2
+        closed = [arm for arm in arms if (middle_x + arm) @ n <= 1e-9 + lifts * size]
         # Velocity of a contact: frame (v + R w x arm) = J (v, w).
         rows = [np.hstack([frame, frame @ -cross(arm) @ R]) for arm in closed]
         before, after = np.hstack([v, w]), np.hstack([free_v, free_w])
@@ -168,7 +175,7 @@ def cross(a):
 def seeds(n):
     """List seeds, of which a campaign has more."""
     return [
-        pytest.param(seed, marks=[pytest.mark.campaign] * (seed >= 8 and seed not in FLAT))
+        pytest.param(seed, marks=[pytest.mark.campaign] * (seed >= 8 and seed not in FLAT + FOUND))
         for seed in range(n)
     ]
 
@@ -197,13 +204,9 @@ def test_bodies_thrown_on_planes(seed):
     # Rattling between several points is not repeatable by steps that pass its impacts.
     if sum(len(result.events[f"c.normal{end} hits"].t) for end in ends) > 8:
         return
-    steps = (1e-3, 2.5e-4, 6.25e-5)
-    errors = [np.linalg.norm(stepped(body, 0.6, h) - place) for h in steps[:2]]
+    errors = [np.linalg.norm(stepped(body, 0.6, h) - place) for h in (1e-3, 2.5e-4)]
     # Errors of first order, jittered by the step in which an impact falls.
-    if errors[1] > 2e-3 and errors[1] > 0.6 * errors[0]:
-        # This step can also change the sequence of impacts: a quarter of it has a quarter of the
-        # error.
-        assert np.linalg.norm(stepped(body, 0.6, steps[2]) - place) <= 0.25 * 2e-3, errors
+    assert errors[1] <= 2e-3 or errors[1] <= 0.6 * errors[0], errors
 
 
 @pytest.mark.slow

@@ -260,7 +260,7 @@ int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
  * at its limit, its zero level; for a slip that stays at zero, its rounding band. */
 static cotree_real crossing_margin(const cotree_events *e, int i)
 {
-    if (e->n_frictions == 0 || !e->stays_at_zero[i]) return COTREE_F(0.0);
+    if (e->n_rows == 0 || !e->stays_at_zero[i]) return COTREE_F(0.0);
     return e->events[i].kind == COTREE_FRICTION_SLIP ? cotree_rounding_band(e, i)
                                                      : e->zero_level[i];
 }

@@ -179,7 +179,7 @@ static void update_zero_levels(cotree_events *e, cotree_row *row, cotree_real t,
     }
     for (c = 0; c < 2; ++c) {
         const int gap = row->gaps[c], limit = row->limits[c];
-        if (row->type == COTREE_ROW_FRICTION && limit >= 0)
+        if (limit >= 0)
             update_zero_level(e, limit, cotree_is_holding(row), row->is_resticking, t, fired);
         if (gap < 0) continue;
         /* The gap of an active stop that opens is still zero. */
@@ -256,6 +256,9 @@ void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
     for (row = e->rows; row < END_OF_ROWS; ++row) {
         const int gap = cotree_closed_gap(row), engaged = row->engaged;
         int c;
+        for (c = 0; c < 2 && row->limits[c] >= 0; ++c) {
+            if (e->stays_at_zero[row->limits[c]]) e->side[row->limits[c]] = COTREE_F(1.0);
+        }
         if (row->type == COTREE_ROW_STOP) {
             /* The gap may be negative within the tolerance of closed gaps. */
             if (row->side != COTREE_F(0.0) &&
@@ -265,9 +268,6 @@ void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
             continue;
         }
         if (e->stays_at_zero[row->event]) e->side[row->event] = COTREE_F(1.0);
-        for (c = 0; c < 2 && row->limits[c] >= 0; ++c) {
-            if (e->stays_at_zero[row->limits[c]]) e->side[row->limits[c]] = COTREE_F(1.0);
-        }
         if (engaged >= 0 && e->side[engaged] == COTREE_F(0.0)) e->side[engaged] = -COTREE_F(1.0);
     }
 }
