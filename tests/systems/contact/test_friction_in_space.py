@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from math import hypot
 
 import numpy as np
@@ -249,34 +250,94 @@ def coin_start(spin):
     return -r, q, -np.cross(w, r), w, own
 
 
-@pytest.mark.parametrize("method", ["dop853", "rodas5"])
-def test_a_coin_that_rolls_on_its_rim_pivots_without_resistance(method):
-    spin, end = 8.0, 1.5
+#: Velocity of the contact point of a disc that slides.
+SLIDE = np.array([1.5, -1.0, 0.0])
+
+
+def sliding_rates(mu):
+    """Return the rates of place, quaternion, velocity and angular velocity of a disc that slides.
+
+    The contact force is N f with f = n - mu u/|u| and the slip u, where N keeps the speed of the
+    contact point along the normal n at zero.
+    """
+    up = np.array([0, 0, 1.0])
+
+    def rates(_, z):
+        q, v, w, m = z[3:7], z[7:10], z[10:], COIN["m"]
+        axes, r, dr = rim(q, w)
+        inertia = axes @ np.diag(ROUND) @ axes.T
+        slip = v + np.cross(w, r)
+        f = up - mu * slip / np.sqrt(slip @ slip)
+        turn = np.linalg.solve(inertia, np.cross(r, f))
+        free = -np.linalg.solve(inertia, np.cross(w, inertia @ w))
+        fall = G - (np.cross(free, r) + np.cross(w, dr)) @ up
+        force = fall / (f[2] / m + np.cross(turn, r)[2])
+        dq = 0.5 * np.array([-w @ q[1:], *(q[0] * w + np.cross(w, q[1:]))])
+        return [*v, *dq, *(force / m * f - G * up), *(free + force * turn)]
+
+    return rates
+
+
+@functools.cache
+def coin():
+    """Compile a tilted disc on a plane, which rolls at first if slide is 0."""
     scene = cotree.Scene("coin", gravity=[0, 0, -G])
-    scene.parameter("spin", spin)
-    x, q, v, _, own = coin_start(spin)
-    slope = coin_start(spin + 1)[2] - v  # the speed of the centre is linear in the spin
+    values = {"spin": 8.0, "mu": 0.9, "slide": 0.0}
+    for name, value in values.items():
+        scene.parameter(name, value)
+    x, q, v, _, own = coin_start(values["spin"])
+    slope = coin_start(values["spin"] + 1)[2] - v  # the speed of the centre is linear in the spin
     names = ("x", "y", "z", "q0", "q1", "q2", "q3", "w1", "w2")
     initial = dict(zip(names, map(float, (*x, *q, *own[:2])), strict=True)) | {"w3": "spin"}
-    for name, at, by in zip(("vx", "vy", "vz"), v, slope, strict=True):
-        initial[name] = f"{float(at)!r} + ({float(by)!r})*(spin - {spin})"
+    for name, *row in zip(("vx", "vy", "vz"), v, slope, SLIDE, strict=True):
+        at, by, more = map(float, row)
+        initial[name] = f"{at!r} + ({by!r})*(spin - {values['spin']}) + ({more!r})*slide"
     scene.edge("b", "rigid_body", "ground", "P", mass=COIN["m"], inertia=list(map(float, ROUND)),
                initial=initial)  # fmt: skip
     scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 0, 1], radius=COIN["R"],
-               axis=[0, 0, 1], friction=0.9)  # fmt: skip
-    result = scene.compile(["spin"]).simulate((0, end), method=method, **TIGHT)
+               axis=[0, 0, 1], friction="mu")  # fmt: skip
+    return scene.compile(list(values))
+
+
+def rolled(spin, end):
+    """Return the place of a disc that rolls."""
+    x, q, _, w, _ = coin_start(spin)
+    start = np.array([*x, *q, *w], complex)
+    return solve_ivp(coin_rates, (0, end), start, "DOP853", rtol=1e-12, atol=1e-14).y[:3, -1]
+
+
+def slipped(spin, mu, slide, end):
+    """Return the place of a disc that slides."""
+    x, q, v, w, _ = coin_start(spin)
+    start = np.array([*x, *q, *(v + slide * SLIDE), *w], complex)
+    run = solve_ivp(sliding_rates(mu), (0, end), start, "DOP853", rtol=1e-12, atol=1e-14)
+    return run.y[:3, -1]
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
+def test_a_coin_that_rolls_on_its_rim_pivots_without_resistance(method):
+    result = coin().simulate((0, 1.5), method=method, **TIGHT)
     assert not any(row.t.size for row in result.events.values())
-
-    def place(spin):
-        x, q, _, w, _ = coin_start(spin)
-        start = np.array([*x, *q, *w], complex)
-        return solve_ivp(coin_rates, (0, end), start, "DOP853", rtol=1e-12, atol=1e-14).y[:3, -1]
-
     places = ("b.x", "b.y", "b.z")
     # Global errors of a run at 1e-10, over some hundred steps.
-    np.testing.assert_allclose([result[name][-1] for name in places], place(spin).real, atol=1e-9)
+    found = [result[name][-1] for name in places]
+    np.testing.assert_allclose(found, rolled(8.0, 1.5).real, atol=1e-9)
     found = [result.sensitivity(name, "spin")[-1] for name in places]
-    np.testing.assert_allclose(found, place(spin + 1e-30j).imag / 1e-30, atol=1e-9)
+    np.testing.assert_allclose(found, rolled(8.0 + 1e-30j, 1.5).imag / 1e-30, atol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
+def test_a_coin_slides_on_its_rim_and_pivots(method):
+    given = {"spin": 3.0, "mu": 0.1, "slide": 1.0}
+    result = coin().simulate((0, 0.3), method=method, parameters=given, **TIGHT)
+    assert [result[f"c.{name}.mode"][-1] for name in ("normal", "slide1")] == [-1.0, 1.0]
+    places = ("b.x", "b.y", "b.z")
+    found = [result[name][-1] for name in places]
+    np.testing.assert_allclose(found, slipped(**given, end=0.3).real, atol=1e-9)
+    for name, value in given.items():
+        slope = slipped(**{**given, name: value + 1e-30j}, end=0.3).imag / 1e-30
+        found = [result.sensitivity(place, name)[-1] for place in places]
+        np.testing.assert_allclose(found, slope, atol=1e-9)
 
 
 def tipping(is_flat):
