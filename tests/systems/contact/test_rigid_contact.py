@@ -242,6 +242,37 @@ def test_a_woodpecker_comes_down_its_pole_in_a_limit_cycle():
     assert abs(drops[-1] + 0.01449) <= 3e-5
 
 
+def test_sensitivities_of_a_woodpecker_equal_differences_over_its_cycle():
+    """Over one cycle the sleeve jams, sticks, slides and lets go, and the beak hits the pole."""
+    scene = woodpecker()
+    values = {name: row.number for name, row in scene.parameters.items()}
+    model = scene.compile(list(values))
+    states = ["y.s", "phi.theta", "bend.theta", "y.s_dot", "bend.theta_dot"]
+
+    def run(**parameters):
+        own = {"method": "dop853", "rtol": 1e-12, "atol": 1e-15, "parameters": parameters}
+        result = model.simulate((0, 0.13), **own)
+        times = [(t, name) for name, row in result.events.items() for t in row.t]
+        return result, [name for _, name in sorted(times)]
+
+    result, sequence = run()
+    for name in ("jam.slide1 stops", "jam.slide1 slips forwards", "jam.normal lifts"):
+        assert name in sequence
+    assert "peck.normal hits" in sequence
+    for name, value in values.items():
+        slopes = []
+        for h in (1e-4, 5e-5):
+            sides = [run(**{name: value * (1 + d)}) for d in (h, -h)]
+            assert [side[1] for side in sides] == [sequence] * 2
+            ends = [np.array([side[state][-1] for state in states]) for side, _ in sides]
+            slopes.append((ends[0] - ends[1]) / (2 * h))
+        # Fourth order; what is left is the error of the runs, 1e-11 of a speed, over the step.
+        slope = slopes[1] + (slopes[1] - slopes[0]) / 3
+        found = [value * result.sensitivity(state, name)[-1] for state in states]
+        bound = 3e-6 * np.abs(slope).max()
+        np.testing.assert_allclose(found, slope, rtol=0, atol=bound, err_msg=name)
+
+
 def test_a_sphere_slides_down_a_plane_without_friction_in_space():
     scene = cotree.Scene("sphere", gravity=[0, 0, "-g"])
     for name, value in {"g": G, "R": 0.2, "a": 0.3}.items():
