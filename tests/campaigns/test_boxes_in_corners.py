@@ -7,6 +7,7 @@ within its limits.
 from __future__ import annotations
 
 import functools
+from itertools import product
 
 import numpy as np
 import pytest
@@ -86,6 +87,64 @@ def test_box_slides_down_a_wall_and_lands_flat(method):
     assert abs(result["b.x"][-1] - 0.5 * values["H"]) <= 1e-9
     assert abs(result["b.y"][-1] - 0.5 * values["W"]) <= 1e-9
     assert abs(result["b.x_dot"][-1]) <= 1e-9
+
+
+def impacts(values, before):
+    """List all solutions of an impact at the floor and the wall: places with impulses, and speeds.
+
+    Without restitution, a corner has no impulse and separates, sticks, or slides.
+    """
+    x, y, theta, *speeds = before
+    c, s = np.cos(theta), np.sin(theta)
+    half = 0.5 * np.array([values["W"], values["H"]])
+    arms = np.array([[c, -s], [s, c]]) @ (half * list(product((-1, 1), repeat=2))).T
+    weights = np.array([values["m"], values["m"], values["I"]])
+    rows = []
+    for normal in ([0.0, 1.0], [1.0, 0.0]):
+        arm = arms[:, np.argmin(normal @ arms)]
+        assert abs(normal @ (arm + np.array([x, y]))) <= 1e-9
+        rows.append([[*n, arm[0] * n[1] - arm[1] * n[0]] for n in (normal, normal[::-1])])
+    J = np.reshape(rows, (4, 3))  # normal and tangent at the floor, then at the wall
+    slopes, start, mu = J @ (J / weights).T, J @ speeds, values["mu"]
+    found = []
+    for laws in product(("open", "sticks", -1, 1), repeat=2):
+        left, right = slopes.copy(), -start
+        for k, law in enumerate(laws):
+            free = {"open": (0, 1), "sticks": ()}.get(law, (1,))
+            for i in free:
+                # The impulse is zero, or that of friction; otherwise a speed is zero.
+                left[2 * k + i] = np.eye(4)[2 * k + i]
+                right[2 * k + i] = 0.0
+            if law in {-1, 1}:
+                left[2 * k + 1, 2 * k] = law * mu
+        if np.linalg.cond(left) > 1e9:
+            continue  # impulses that are not unique, where both corners stick
+        pulses = np.linalg.solve(left, right)
+        after = start + slopes @ pulses
+        for k, law in enumerate(laws):
+            (push, rub), (rate, slip) = pulses[2 * k : 2 * k + 2], after[2 * k : 2 * k + 2]
+            if rate < -1e-12 or push < -1e-12 or abs(rub) > mu * push + 1e-12:
+                break
+            if law in {-1, 1} and law * slip < -1e-12:
+                break
+        else:
+            found.append((pulses[::2] > 1e-12, speeds + J.T @ pulses / weights))
+    return found
+
+
+@pytest.mark.parametrize(("seed", "end", "number"), [(2, 0.65, 1), (124, 0.42, 2)])
+def test_an_impact_with_several_solutions_has_impulses_only_where_a_gap_closes(seed, end, number):
+    values = thrown(seed)
+    result = model().simulate((0, end), rtol=1e-10, atol=1e-12, parameters=values)
+    row = result.events[f"wall.normal_{number} rests"]
+    solutions = impacts(values, row.y_before[:6, -1])
+    # In the others, the box jams between the floor and the wall.
+    jams = [speeds for pushed, speeds in solutions if pushed.all()]
+    assert jams
+    np.testing.assert_allclose(jams, 0.0, atol=1e-9)
+    (speeds,) = [speeds for pushed, speeds in solutions if not pushed[0]]
+    assert np.abs(speeds).max() > 0.1
+    np.testing.assert_allclose(row.y_after[3:6, -1], speeds, atol=1e-9)
 
 
 @pytest.mark.slow
