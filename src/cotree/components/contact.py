@@ -157,7 +157,7 @@ def spots_of(edge: str, given: Given) -> int:
         if given.keys() & {"radius", "axis", "length", "ball"}:
             raise SceneError(
                 f"{whose} has the semiaxes of an ellipsoid, which touches a plane: remove "
-                "radius, axis, length and ball"
+                "radius, axis, length and ball; spheres, discs, cylinders and boxes touch balls"
             )
         return 1
     if "axis" in given:
