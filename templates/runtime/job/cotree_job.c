@@ -173,29 +173,13 @@ cotree_real cotree_job_ahead(const cotree_job *job)
                                                                           : -COTREE_F(1.0);
 }
 
-/* Return a bound on the rounding errors of two breakpoint times, and of the times from which they
- * are computed. */
-static cotree_real margin_between(const cotree_job *job, cotree_real start, cotree_real end)
-{
-    const cotree_real size =
-        COTREE_FMAX(COTREE_FMAX(COTREE_FABS(start), COTREE_FABS(end)), job->scale);
-    return COTREE_FMIN(COTREE_F(8.0) * COTREE_EPSILON * size,
-                       COTREE_F(0.25) * COTREE_FABS(end - start));
-}
-
-/* Restrict evaluations to times a few roundings inside both breakpoints. Then no step evaluates
- * rates on both sides of a jump, for any rounding of its time. */
+/* Restrict evaluations to times inside the current segment. */
 static void restrict_to_segment(const cotree_job *job, cotree_run *run)
 {
-    const cotree_real start = job->breakpoints[job->segment],
-                      end = job->breakpoints[job->segment + 1];
-    const cotree_real margin = margin_between(job, start, end);
     const int is_open = job->segment == 0 && !job->is_start_sharp;
     const int is_last = job->segment == job->n_breakpoints - 2 && !job->is_end_sharp;
-    const cotree_real first = is_open ? start : start + cotree_job_ahead(job) * margin;
-    const cotree_real last = is_last ? end : end - cotree_job_ahead(job) * margin;
-    run->low = COTREE_FMIN(first, last);
-    run->high = COTREE_FMAX(first, last);
+    cotree_run_restrict(run, job->breakpoints[job->segment], job->breakpoints[job->segment + 1],
+                        job->scale, is_open, is_last);
 }
 
 #if COTREE_HAS_ALGEBRAIC
@@ -359,7 +343,7 @@ static cotree_breakpoint_sensitivity breakpoint_data(cotree_job *job, int segmen
     crossing.spreads = job->spreads + first;
     crossing.tolerances = job->turn_tolerances;
     crossing.rtol = job->rtol;
-    crossing.margin = cotree_job_ahead(job) * margin_between(job, start, end);
+    crossing.margin = cotree_job_ahead(job) * cotree_run_margin(start, end, job->scale);
     crossing.undefined = 0;
     return crossing;
 }
@@ -370,8 +354,8 @@ static int compute_left_rates(cotree_job *job)
     cotree_breakpoint_sensitivity crossing;
     if (!is_moving(job, job->segment + 1)) return 0;
     crossing = breakpoint_data(job, job->segment + 1);
-    crossing.margin =
-        cotree_job_ahead(job) * margin_between(job, job->breakpoints[job->segment], job->t);
+    crossing.margin = cotree_job_ahead(job) *
+                      cotree_run_margin(job->breakpoints[job->segment], job->t, job->scale);
     return cotree_run_left_rates(ENGINE->run, job->t, ENGINE->w, job->n, &crossing) != 0
                ? COTREE_NOT_SOLVED
                : 0;

@@ -306,6 +306,24 @@ int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)
 }
 #endif
 
+cotree_real cotree_run_margin(cotree_real start, cotree_real end, cotree_real scale)
+{
+    const cotree_real size = COTREE_FMAX(COTREE_FMAX(COTREE_FABS(start), COTREE_FABS(end)), scale);
+    return COTREE_FMIN(COTREE_F(8.0) * COTREE_EPSILON * size,
+                       COTREE_F(0.25) * COTREE_FABS(end - start));
+}
+
+void cotree_run_restrict(cotree_run *run, cotree_real start, cotree_real end, cotree_real scale,
+                         int is_start_open, int is_end_open)
+{
+    const cotree_real margin = cotree_run_margin(start, end, scale);
+    const cotree_real inwards = end > start ? margin : -margin;
+    const cotree_real first = is_start_open ? start : start + inwards;
+    const cotree_real last = is_end_open ? end : end - inwards;
+    run->low = COTREE_FMIN(first, last);
+    run->high = COTREE_FMAX(first, last);
+}
+
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t)
 {
     return t < run->low ? run->low : t > run->high ? run->high : t;

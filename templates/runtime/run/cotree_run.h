@@ -218,6 +218,16 @@ int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w);
 /* As cotree_run_find, without sensitivities. */
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w);
 
+/* Return a bound on the rounding errors of two breakpoint times, and of the times up to scale from
+ * which they are computed. */
+cotree_real cotree_run_margin(cotree_real start, cotree_real end, cotree_real scale);
+
+/* Restrict evaluations to times a few roundings inside two breakpoints. Then no step evaluates
+ * rates on both sides of a jump, for any rounding of its time. Ends that are open are no
+ * breakpoints of the rates. */
+void cotree_run_restrict(cotree_run *run, cotree_real start, cotree_real end, cotree_real scale,
+                         int is_start_open, int is_end_open);
+
 /* Return the time nearest to t inside the segment. */
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t);
 
