@@ -488,14 +488,14 @@ def tangent(root: Node, seed: Mapping[Node, Node]) -> Node:
 
 
 def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[Node]) -> list[Node]:
-    """Return derivatives of ``sum(weights * roots)`` with respect to ``wanted`` in reverse mode."""
+    """Return derivatives of ``sum(weights * roots)`` by independent variables ``wanted``."""
     if not roots:
         return []
-    zero = roots[0].dag.zero
+    zero, leaves = roots[0].dag.zero, set(wanted)
     bar: dict[Node, Node] = {}
     several: dict[Node, list[Node]] = {}
     clips = Clips({})
-    order = reachable(roots)
+    order = reachable(roots, stop=leaves)
     for root, weight in zip(roots, weights, strict=True):
         bar[root] = bar.get(root, zero) + weight
     # In reverse order of evaluation, the adjoint of a node is complete before it is propagated,
@@ -509,7 +509,7 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
                     bar[arg] = bar.get(arg, zero) + d
             continue
         own = bar.get(node, zero)
-        if own is zero or not node.args:
+        if own is zero or node in leaves or not node.args:
             continue
         if node.op == "result":
             target = node.args[0]
