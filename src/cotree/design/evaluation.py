@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cotree.design.goals import GoalFunction, GoalQuantity, Goals, check_times
 from cotree.errors import SolveError
+from cotree.gradient.goals import GoalFunction, GoalQuantity, Goals, check_times
 from cotree.methods import method_row
 from cotree.quiet import without_warnings
 

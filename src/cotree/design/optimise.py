@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.api import Model, Scene
 from cotree.arguments import check_choice, check_mapping, check_names, check_whole
+from cotree.compiled import compile_spec
 from cotree.design.evaluation import Evaluation
-from cotree.design.goals import Goals, scene_of, variant_of
 from cotree.design.search import (
     MET,
     OPTIMAL,
@@ -21,15 +22,17 @@ from cotree.design.search import (
     read_variables,
 )
 from cotree.errors import Error, ParameterError, SolveError, brief, check_known, listed
+from cotree.gradient.goals import Goals, variant_of
 from cotree.model.start import scene_start
+from cotree.quiet import without_warnings
 from cotree.scene.expressions import check_positive
 from cotree.scene.settings import settings_from
 
 if TYPE_CHECKING:
     from typing import Unpack
 
-    from cotree.api import Model, Scene
     from cotree.design.evaluation import DesignPoint
+    from cotree.scene.description import SceneDescription
     from cotree.scene.settings import Settings, SettingsDict
 
 #: Keys that a scenario may have.
@@ -128,7 +131,7 @@ def optimise(
     >>> round(best["c"], 3)  # the closed form is sqrt(k m)
     9.487
     """
-    described, method = scene_of(system), str(method).lower()
+    described, method = _scene_of(system), str(method).lower()
     check_choice(method, "method (solver selects that of the runs)", ("slsqp", "trust-constr"))
     texts = check_names(subject_to, "subject_to", "conditions in quotes")
     tolerance = check_positive(tolerance, "tolerance")
@@ -141,7 +144,9 @@ def optimise(
     guess = check_mapping(guess, "guess")
     starts, seed = check_whole(starts, "starts", 1), seed and check_whole(seed, "seed")
     read_variables(over, {}, guess)
-    model, found = variant_of(system, described, goals.quantities, names)
+    model, found = variant_of(
+        described, goals.quantities, lambda changed: _compiled(system, changed, names)
+    )
     given: dict[str, Any] = {
         "t_span": t_span,
         "method": solver,
@@ -176,6 +181,27 @@ def optimise(
         )
     best = min(range(len(searches)), key=lambda i: searches[i].rank)
     return _design(evaluation, searches, best, ends[best], len(failures), max_iterations)
+
+
+def _scene_of(source: Any) -> SceneDescription:
+    """Return the scene of a model, or the argument if it is a scene."""
+    if isinstance(source, Model):
+        return source.spec.scene
+    if not isinstance(source, Scene):
+        raise ParameterError(
+            f"optimise takes a scene or a compiled model, not {type(source).__name__}: "
+            "cotree.load(...) gives a scene"
+        )
+    return source
+
+
+def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Model:
+    """Compile a changed scene, with the compiler options of ``source`` if that is a model."""
+    if isinstance(source, Model):
+        return compile_spec(source.spec.of(changed, over))
+    assert isinstance(changed, Scene)
+    with without_warnings():  # the caller reports design variables without effect
+        return changed.compile(list(over))
 
 
 def _scenarios(

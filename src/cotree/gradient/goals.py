@@ -15,20 +15,17 @@ from __future__ import annotations
 import ast
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
-from cotree.api import Model, Scene
-from cotree.compiled import compile_spec
 from cotree.dag.derivative import adjoints
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.errors import Error, ExpressionError, ParameterError, brief, check_known, nearest
-from cotree.quiet import without_warnings
 from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, map_tree, parse, read_tree
 from cotree.scene.settings import OPERATING_POINT
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from cotree.scene.description import SceneDescription
 
@@ -234,21 +231,14 @@ def check_times(quantities: Sequence[GoalQuantity], span: tuple[float, float]) -
             )
 
 
-def scene_of(source: Any) -> SceneDescription:
-    """Return the scene of a model, or the argument if it is a scene."""
-    if isinstance(source, Model):
-        return source.spec.scene
-    if not isinstance(source, Scene):
-        raise ParameterError(
-            f"optimise takes a scene or a compiled model, not {type(source).__name__}: "
-            "cotree.load(...) gives a scene"
-        )
-    return source
+_Model = TypeVar("_Model")
 
 
 def variant_of(
-    source: Any, scene: SceneDescription, quantities: Sequence[GoalQuantity], over: Sequence[str]
-) -> tuple[Model, dict[GoalQuantity, str]]:
+    scene: SceneDescription,
+    quantities: Sequence[GoalQuantity],
+    compiled: Callable[[SceneDescription], _Model],
+) -> tuple[_Model, dict[GoalQuantity, str]]:
     """Compile a scene with an output for each quantity; return the model and the output names."""
     changed = scene.copied()
     taken = {*scene.edges, *scene.outputs, *scene.parameters, *scene.inputs, *scene.modes}
@@ -269,7 +259,7 @@ def variant_of(
             _add(changed, outputs[key], *key)
         found[quantity] = outputs[key]
     try:
-        return _compiled(source, changed, over), found
+        return compiled(changed), found
     except Error as error:
         # Error messages quote the user's expressions instead of the outputs derived from them.
         message = str(error)
@@ -280,15 +270,6 @@ def variant_of(
             if is_summed and any(f"'{name}'" in message for name in parse(text, text).names):
                 message = re.sub(r"^.*? uses '", f"'{text}' in a goal uses '", message)
         raise type(error)(message) from None
-
-
-def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Model:
-    """Compile a changed scene, with the compiler options of ``source`` if that is a model."""
-    if isinstance(source, Model):
-        return compile_spec(source.spec.of(changed, over))
-    assert isinstance(changed, Scene)
-    with without_warnings():  # the caller reports design variables without effect
-        return changed.compile(list(over))
 
 
 def _add(scene: SceneDescription, name: str, is_summed: bool, text: str) -> None:

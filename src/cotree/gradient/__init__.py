@@ -1,0 +1,1 @@
+"""Derivatives of objectives of runs in reverse mode."""
