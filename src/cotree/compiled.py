@@ -18,9 +18,9 @@ from cotree.model.start import find_start, scene_start
 from cotree.records import changed, filled
 from cotree.report import Report, Reported
 from cotree.results import Result
-from cotree.scene.expressions import check_number, parse
+from cotree.scene.expressions import check_number
 from cotree.scene.settings import Simulation, documented, settings_from
-from cotree.sharing import RecentCache, forming, locked_cached_property
+from cotree.sharing import RecentCache, locked_cached_property
 from cotree.solvers.prepare import Preparation, cached_for
 from cotree.solvers.simulate import run_values
 from cotree.spec import BuildSpec, open_spec
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from cotree.choice import Operations
     from cotree.export.c_project import CProject
     from cotree.export.fmi.fmu import Fmu
+    from cotree.gradient.run import Gradient
     from cotree.model.arrays import Array
     from cotree.model.linearization import Linearization
     from cotree.model.linearize import Linearizer
@@ -44,12 +45,9 @@ if TYPE_CHECKING:
 #: Public methods, in the order of a typical session.
 _CALLS = "simulate() trim() linearize() start() rhs() jacobian() output_values() write() summary()"
 
-# Maximum number of cached variants with other input expressions, whose numbers may change
-# endlessly. Variants removed here remain in the cache on disk.
-_MOST_VARIANTS = 32
-
-# Largest number of run preparations, one for each set of settings, that a model caches.
-_MOST_KEPT = 8
+# Maximum numbers of cached variants with other input expressions (all remain in the cache on disk),
+# and of cached preparations, one for each set of settings.
+_MOST_VARIANTS, _MOST_KEPT = 32, 8
 
 
 class Model(Reported):
@@ -255,8 +253,7 @@ class Model(Reported):
         """Integrate states and sensitivities together.
 
         Data that depend only on the settings are prepared once for all runs with equal settings, if
-        these have at most 10,000 times; Python functions are compared by identity. Several threads
-        may call this method at the same time.
+        these have at most 10,000 times; Python functions are compared by identity.
 
         Parameters
         ----------
@@ -296,13 +293,7 @@ class Model(Reported):
             "throw": throw,
             **settings,
         }
-        # If the call sets their values, unknown names in input expressions are parameters.
-        names = tuple(parameters) if inputs and isinstance(parameters, Mapping) else ()
-        model, preparation = cached_for(
-            self._kept,
-            {**given, "gains": names} if inputs else given,
-            lambda: self._prepared({**given, "parameters": parameters, "initial": initial}),
-        )
+        model, preparation = self._prepared(given, parameters, initial)
         values = run_values(preparation, parameters, initial or {})
         # The library is already compiled, but the first run of a method compiles its engine.
         own = values["times"]
@@ -314,12 +305,66 @@ class Model(Reported):
         )
         return filled(Result, values)
 
-    def _prepared(self, given: Mapping[str, Any]) -> tuple[Model, Preparation]:
+    def _prepared(
+        self, given: Mapping[str, Any], parameters: Any, initial: Any
+    ) -> tuple[Model, Preparation]:
         """Prepare runs with the given settings; the scene supplies the others."""
-        model, settings = self._variant(settings_from(self._defaults, given))
-        return model, Preparation(model.kernels, settings)
+        # If the call sets their values, unknown names in input expressions are parameters.
+        names = tuple(parameters) if given["inputs"] and isinstance(parameters, Mapping) else ()
+
+        def prepare() -> tuple[Model, Preparation]:
+            whole = {**given, "parameters": parameters, "initial": initial}
+            model, settings = self._variant(settings_from(self._defaults, whole))
+            return model, Preparation(model.kernels, settings)
+
+        return cached_for(self._kept, {**given, "gains": names} if names else given, prepare)
 
     ensemble = run_members
+
+    def gradient(
+        self,
+        objective: str | Mapping[str, Any],
+        t_span: tuple[float, float] | None = None,
+        by: Sequence[str] | None = None,
+        method: str | None = None,
+        parameters: Any = None,
+        initial: Mapping[str, float] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        **settings: Unpack[SettingsDict],
+    ) -> Gradient:
+        """Compute an objective of a run and its gradient in reverse mode.
+
+        The time is a few times that of a run without sensitivities, whatever the length of ``by``.
+        The gradient is the exact derivative of the computed objective at constant step sizes.
+
+        Parameters
+        ----------
+        objective : str or mapping of str to (times, values) or (times, values, deviations)
+            An expression as in :func:`cotree.optimise`, without extremes and times of events. Or
+            values to be met by expressions x: the sum of ((x - value) / deviation)**2.
+        by : sequence of str, optional
+            Parameters, and states for their initial values; by default all parameters. The model
+            need not be compiled with these sensitivities.
+        t_span, method, parameters, initial, inputs, **settings
+            See :class:`cotree.Settings`; the method is explicit, by default ``dop853``.
+
+        Returns
+        -------
+        Gradient
+            ``value``, ``gradient``, shape (n_by,), and ``names``; ``result[name]`` is an entry.
+
+        Raises
+        ------
+        ModelError, SolveError
+            If a name is unknown, the run fails, or model or method have no reverse mode.
+        """
+        from cotree.gradient.run import gradient_of
+
+        parameters, initial, inputs = map(by_name, (parameters, initial, inputs))
+        given = {"t_span": t_span, "method": method, "inputs": inputs, **settings}
+        model, preparation = self._prepared(given, parameters, initial)
+        own = changed(preparation.settings, parameters=parameters, initial=initial or {})
+        return gradient_of(model.kernels, model.spec, objective, by, own)
 
     def linearize(
         self,
@@ -543,27 +588,15 @@ class Model(Reported):
 
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
         """Compile input expressions into the model; return it with the other settings."""
-        given = settings.inputs
-        if not given or not isinstance(given, Mapping):
+        if not settings.inputs:
             return self, settings
-        from cotree.scene.variants import expressions_among, new_names, with_inputs
+        from cotree.scene.variants import input_expressions
 
-        expressions = expressions_among(given)
-        if not expressions:
+        found = input_expressions(self.spec.scene, settings.inputs, settings.parameters)
+        if found is None:
             return self, settings
-        scene, parameters = self.spec.scene, settings.parameters
-        known = parameters if isinstance(parameters, Mapping) else {}
-        gains = new_names(scene, expressions, known)
-        texts = {name: parse(text, "input").text.strip() for name, text in expressions.items()}
-        key = frozenset(texts.items()), tuple(gains)
-
-        values = {name: known[name] for name in gains}
-        model = self._variants.of(
-            key,
-            lambda: compile_spec(self.spec.of(with_inputs(scene, expressions, values, "input"))),
-        )
-        rest = {name: value for name, value in given.items() if name not in expressions}
-        return model, replace(settings, inputs=rest)
+        model = self._variants.of(found.key, lambda: compile_spec(self.spec.of(found.scene())))
+        return model, replace(settings, inputs=found.others)
 
     def write(
         self,
@@ -608,19 +641,10 @@ class Model(Reported):
             If the directory cannot be written, integrator, scene and step are incompatible, or the
             prefix or the type of numbers is invalid.
         """
-        from cotree.export.c_checks import Evaluated
-        from cotree.export.c_project import Kit, write_c_project
+        from cotree.export.c_project import Kit, write_project_of
 
-        d, kit = self._defaults, Kit(integrator, real, prefix, cpp, single_file)
-        numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
-        # C projects do not search for operating points, so they receive the start.
-        start = self.start() if self.kernels.begins_at_rest else None
-        # Hold the lock: forming kernels adds nodes to the program's arena, which threads share.
-        with forming:
-            own = Evaluated(self.kernels.program, self.kernels)
-            return write_c_project(
-                own.program, Path(directory), kit, **numbers, step=step, start=start, evaluated=own
-            )
+        kit = Kit(integrator, real, prefix, cpp, single_file)
+        return write_project_of(self, Path(directory), kit, step, self._defaults)
 
     def export_fmu(
         self,
@@ -664,18 +688,10 @@ class Model(Reported):
         BuildError
             If there is no compiler, or it fails.
         """
-        from cotree.export.c_checks import Evaluated
-        from cotree.export.fmi.fmu import choose, extra_files, write_fmu
+        from cotree.export.fmi.fmu import choose, write_fmu_of
 
         choice = choose(version, kinds, integrator, inputs, platforms)
-        d = self._defaults
-        rest = self.start() if self.kernels.begins_at_rest else None
-        to, extra = target_path(path, "the FMU"), extra_files(self, choice, d.t_end)
-        # Hold the lock: forming kernels adds nodes to the program's arena, which threads share.
-        with forming:
-            own = Evaluated(self.kernels.program, self.kernels)
-            numbers = d.t_end, d.rtol, d.atol
-            return write_fmu(self.kernels.program, to, choice, own, numbers, rest=rest, extra=extra)
+        return write_fmu_of(self, target_path(path, "the FMU"), choice, self._defaults)
 
 
 def compile_spec(spec: BuildSpec) -> Model:

@@ -80,6 +80,7 @@ VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
 _HEADER = "cotree_sundials.h"
 #: Modules whose headers declare the types of a job and of a start.
 _JOB_MODULES = ("abi", "run", "start_tables")
+_RUN = ("run", "iteration", "least", "lu")  # modules of a run without a stepper
 
 
 def sundials_files(library: str) -> dict[str, str]:
@@ -194,9 +195,10 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
 
 #: Libraries that do not depend on the model: modules to compile, modules whose headers cffi reads.
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "adjoint": (("adjoint", "history", *_RUN), ("abi", "run", "adjoint")),
     "batch": (("batch", "columns"), (*_JOB_MODULES, "start", "job", "batch")),
     "columns": (("columns",), ("abi", "columns")),
-    "start": (("start", "assembly", "run", "iteration", "least", "lu"), (*_JOB_MODULES, "start")),
+    "start": (("start", "assembly", *_RUN), (*_JOB_MODULES, "start")),
 }
 
 

@@ -15,7 +15,7 @@ import os
 import tempfile
 import textwrap
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.c_files import INTEGRATORS, method_files, render_model, stepper_files
 from cotree.codegen.context import ModelContext, model_context
@@ -41,6 +41,7 @@ from cotree.export.c_checks import (
 from cotree.files import target_path
 from cotree.report import names
 from cotree.scene.settings import MOST_STEPS
+from cotree.sharing import forming
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
     from cotree.model.start import Start
     from cotree.program.program import Kernel, Program
+    from cotree.scene.settings import Simulation
 
 
 #: All methods of C projects, by name: those with step size control, and those with fixed steps.
@@ -267,6 +269,21 @@ class Kit:
                 f"there is no type '{self.real}' of numbers: give {' or '.join(BY_REAL)}"
             )
         return BY_REAL[self.real]
+
+
+def write_project_of(
+    model: Any, directory: Path, kit: Kit, step: float | None, defaults: Simulation
+) -> CProject:
+    """Write a C project of a :class:`cotree.Model`; see :meth:`cotree.Model.write`."""
+    numbers = {"t_end": defaults.t_end, "rtol": defaults.rtol, "atol": defaults.atol}
+    # C projects do not search for operating points, so they receive the start.
+    start = model.start() if model.kernels.begins_at_rest else None
+    # Hold the lock: forming kernels adds nodes to the program's arena, which threads share.
+    with forming:
+        own = Evaluated(model.kernels.program, model.kernels)
+        return write_c_project(
+            own.program, directory, kit, **numbers, step=step, start=start, evaluated=own
+        )
 
 
 def write_c_project(

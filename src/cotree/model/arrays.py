@@ -153,6 +153,15 @@ class CObjects:
             )
         return found
 
+    def tables(self, replaced: Mapping[int, tuple[Any, Any]]) -> Any:
+        """Return a C array of ``cotree_table_input`` for times and values by index of the input."""
+        tables = self.new("cotree_table_input[]", max(1, len(replaced)))
+        for row, (place, (times, values)) in zip(tables, replaced.items(), strict=False):
+            row.input, row.length = place, len(times)
+            own = (np.asarray(array, dtype=float) for array in (times, values))
+            row.t, row.u = map(self.pointer, own)
+        return tables
+
     def pointer(self, array: npt.NDArray[Any], kind: str = "double") -> Any:
         """Return a pointer to an array; C must not dereference it if the array is empty."""
         array = np.ascontiguousarray(array) if array.size else np.zeros(1, dtype=array.dtype)

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from cotree.program.program import Program
     from cotree.program.text import ModelText
 
+    #: The arguments of `load_kernels` without options.
+    Rendered = tuple[Mapping[str, str], str, int, int]
+
 
 @dataclass(frozen=True, eq=False)
 class Newton:
@@ -69,16 +72,27 @@ def load_points(text: ModelText, name: str) -> LoadedLibrary | None:
 
     lanes = lanes_of(cpu_features().split())
 
-    def render() -> tuple[Mapping[str, str], str, int, int] | None:
+    def render() -> Rendered | None:
+        model = points_context(text.program, name, lanes)
+        if isinstance(model, str):
+            return None
+        return *render_points(model), model.n_written, model.n_written_in_all
+
+    return load_further(text, (name, lanes), render)
+
+
+def load_further(
+    text: ModelText, key: tuple[object, ...], render: Callable[[], Rendered | None]
+) -> LoadedLibrary | None:
+    """Build and load further functions of a model, whose text is cached on disk."""
+
+    def formed() -> Rendered | None:
         # Rendering may add nodes to the graph, as above.
         with forming:
-            model = points_context(text.program, name, lanes)
-            if isinstance(model, str):
-                return None
-            return *render_points(model), model.n_written, model.n_written_in_all
+            return render()
 
     digest = hashlib.sha256("\0".join(map(str, sorted(text.files.items()))).encode()).hexdigest()
-    found = cached((name, lanes, digest), render)
+    found = cached((*key, digest), formed)
     return None if found is None else load_kernels(*found, BuildOptions())
 
 
@@ -304,7 +318,8 @@ def build_engine(code: SharedCode) -> LoadedLibrary | None:
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    # Vectorised sums accelerate the steps in engine.c by 20 to 25 %, but slow down compilation.
+    # Vectorised sums accelerate the steps by 20 to 25 %, but slow down compilation.
+    flags = loop_flags(toolchain)
     try:
         _, loaded = obtain_library(
             code.files,
@@ -314,7 +329,7 @@ def build_engine(code: SharedCode) -> LoadedLibrary | None:
             n_operations=1,
             options=BuildOptions("-O1"),
             toolchain=toolchain,
-            levels={"engine.c": loop_flags(toolchain)},
+            levels=dict.fromkeys({"engine.c", "cotree_adjoint.c"} & code.files.keys(), flags),
         )
     except BuildError:
         return None

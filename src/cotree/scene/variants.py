@@ -8,9 +8,10 @@ zero or the static current of a junction; inductances become short circuits.
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from cotree.arguments import check_names
 from cotree.components import Component, Kind, Role, Terminal, integral_of
@@ -25,7 +26,7 @@ from cotree.scene.part_adding import set_in_part
 from cotree.scene.settings import Simulation
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Hashable, Sequence
 
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
@@ -96,6 +97,35 @@ def new_names(scene: SceneDescription, inputs: Mapping[str, str], known: Any) ->
     signals = [parse_signal(text, "input") for text in inputs.values()]
     used = {name for row in signals if isinstance(row, Expression) for name in row.names}
     return sorted(name for name in used if name in known and name not in scene.parameters)
+
+
+class InputExpressions(NamedTuple):
+    """Expressions that replace inputs of a scene in a run."""
+
+    key: Hashable  # equal for equal expressions
+    scene: Callable[[], SceneDescription]  # returns the scene with these expressions
+    others: Mapping[str, Any]  # other inputs that the run replaces
+
+
+def input_expressions(
+    scene: SceneDescription, given: Any, parameters: Any
+) -> InputExpressions | None:
+    """Return the expressions among replaced inputs; None if there are none.
+
+    Unknown names in them are new parameters, whose values are among ``parameters``.
+    """
+    expressions = expressions_among(given) if isinstance(given, Mapping) else {}
+    if not expressions:
+        return None
+    known = parameters if isinstance(parameters, Mapping) else {}
+    gains = new_names(scene, expressions, known)
+    texts = {name: parse(text, "input").text.strip() for name, text in expressions.items()}
+    values = {name: known[name] for name in gains}
+    return InputExpressions(
+        (frozenset(texts.items()), tuple(gains)),
+        lambda: with_inputs(scene, expressions, values, "input"),
+        {name: value for name, value in given.items() if name not in expressions},
+    )
 
 
 def _is_of_time(value: Expression, scene: SceneDescription) -> bool:

@@ -396,7 +396,7 @@ class Job:
         c = self.job
         code = problem.native.model.code
         c.model = self._ffi.cast("cotree_model *", code.address_for(is_implicit=is_implicit))
-        c.n_replaced, c.replaced = len(problem.replaced), self._tables(problem)
+        c.n_replaced, c.replaced = len(problem.replaced), self._callbacks.tables(problem.replaced)
         if problem.functions:
             c.input_function = self._callbacks.input_function(problem.functions)
         if problem.reach is not None:
@@ -507,11 +507,3 @@ class Job:
         """Set a pointer of the structure for this run and later runs."""
         setattr(self.job, name, pointer)
         setattr(self._blank, name, pointer)
-
-    def _tables(self, problem: RunProblem) -> Any:
-        tables = self._callbacks.new("cotree_table_input[]", max(1, len(problem.replaced)))
-        for row, (place, (times, values)) in zip(tables, problem.replaced.items(), strict=False):
-            row.input, row.length = place, len(times)
-            own = (np.asarray(array, dtype=float) for array in (times, values))
-            row.t, row.u = map(self._callbacks.pointer, own)
-        return tables

@@ -87,6 +87,18 @@ void cotree_history_read(const cotree_history *h, cotree_real t, cotree_real *y)
     add_contributions(h, &of, y);
 }
 
+void cotree_history_portions(const cotree_history *h, cotree_real t, cotree_real *of_y,
+                             cotree_real *of_rate)
+{
+    cotree_portions of;
+    int i;
+    cotree_find_portions(h, h->n_points, h->uses_rates, t, &of);
+    for (i = 0; i < h->n_points; ++i) {
+        of_y[i] = of.of_y[i];
+        of_rate[i] = h->uses_rates ? of.of_rate[i] : COTREE_F(0.0);
+    }
+}
+
 cotree_real cotree_history_error(const cotree_history *h, int interval, cotree_real rtol,
                                  const cotree_real *atols, int first_left_out, int n_left_out,
                                  cotree_real *scratch)

@@ -44,6 +44,11 @@ void cotree_history_add(cotree_history *h, cotree_real t, const cotree_real *y,
 /* Evaluate the polynomial at a time. There must be at least one point. */
 void cotree_history_read(const cotree_history *h, cotree_real t, cotree_real *y);
 
+/* Compute the factors of the values and rates of all points in the polynomial at a time. The factor
+ * of the last value is one minus those of the others. */
+void cotree_history_portions(const cotree_history *h, cotree_real t, cotree_real *of_y,
+                             cotree_real *of_rate);
+
 /* Estimate the interpolation error in the middle between a point and the next one by the difference
  * from the polynomial without the farthest point, an upper bound. Return its weighted root mean
  * square, in tolerances. n_left_out unknowns, from first_left_out on, are excluded. There must be

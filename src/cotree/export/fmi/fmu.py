@@ -29,6 +29,7 @@ from cotree.naming import c_identifier
 from cotree.program.surfaces import strip_switching_surfaces
 from cotree.quiet import level_of_user
 from cotree.report import names
+from cotree.sharing import forming
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
     from cotree.model.start import Start
     from cotree.program.program import Program
+    from cotree.scene.settings import Simulation
 
 
 @dataclass(frozen=True)
@@ -376,6 +378,17 @@ def _token(files: Mapping[str, str], choice: FmuChoice) -> str:
     digest = hashlib.sha256(text.encode()).hexdigest()
     parts = (digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])
     return f"{{{'-'.join(parts)}}}"
+
+
+def write_fmu_of(model: Any, path: Path, choice: FmuChoice, defaults: Simulation) -> Fmu:
+    """Write a :class:`cotree.Model` as an FMU; see :meth:`cotree.Model.export_fmu`."""
+    rest = model.start() if model.kernels.begins_at_rest else None
+    extra = extra_files(model, choice, defaults.t_end)
+    # Hold the lock: forming kernels adds nodes to the program's arena, which threads share.
+    with forming:
+        own = Evaluated(model.kernels.program, model.kernels)
+        numbers = defaults.t_end, defaults.rtol, defaults.atol
+        return write_fmu(own.program, path, choice, own, numbers, rest=rest, extra=extra)
 
 
 def extra_files(model: Any, choice: FmuChoice, t_end: float) -> dict[str, bytes]:
