@@ -38,6 +38,7 @@ SCRIPTS = {
     "operations": "operations of the slider-pendulum; times of stages for a chain of rods",
     "real_time": "error and time of fixed steps in C projects for real time",
     "calls": "time of a call of simulate outside its C code, for small models",
+    "gradients": "gradients in reverse mode, compared with forward sensitivities",
     "inputs": "cost of inputs: numbers, expressions, tables, functions",
     "million": "cost per ensemble member in memory, in a store and in processes",
     "first_run": "times of the first run of a scene on a machine and of later runs",
@@ -62,6 +63,7 @@ SCRIPTS = {
 QUICK = {
     "operations": ["5"],
     "calls": ["--rounds", "11"],
+    "gradients": ["--rounds", "3"],
     "inputs": ["--rounds", "11"],
     "million": ["--members", "2000"],
     "first_run": ["command", "--rounds", "1"],
