@@ -20,10 +20,10 @@ from cotree.errors import (
 )
 from cotree.model.start import check_start
 from cotree.readers import load_source
+from cotree.scene.adding_methods import PartMethods, TableMethods
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
-from cotree.scene.methods import PartMethods, TableMethods
 from cotree.spec import BuildSpec
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from cotree.equations import Derivative
     from cotree.formulation.first_graph import FirstGraph
-    from cotree.linear.tree import TreeLink
+    from cotree.linear.tree_elimination import TreeLink
     from cotree.scene.description import SceneDescription
 
 _LONG = 5  # minimum number of moving branches for elimination along the tree
@@ -45,7 +45,7 @@ class Alternative:
     is_along_tree : bool
         Whether unknowns are eliminated along the tree.
     is_deferred : bool
-        Whether elimination along the tree is deferred; see :mod:`cotree.linear.tree`.
+        Whether elimination along the tree is deferred; see :mod:`cotree.linear.tree_elimination`.
     n_states, n_multipliers : int
         Numbers of states and constraint multipliers.
     n_operations : int

@@ -21,7 +21,7 @@ from cotree.quantities import RedundantRow as RedundantRow  # noqa: TC001
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cotree.linear.tree import TreeLink
+    from cotree.linear.tree_elimination import TreeLink
 
 #: Operations with branches.
 _PIECEWISE = frozenset({"select", "abs", "sign", "table", "lookup"})

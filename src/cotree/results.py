@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from cotree.scene.settings import Settings
     from cotree.watch import Animation
-    from cotree.watch.frames import WatchedModel
+    from cotree.watch.frame_times import WatchedModel
 
 
 @dataclass(frozen=True, eq=False, repr=False)

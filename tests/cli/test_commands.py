@@ -176,7 +176,7 @@ def test_run_writes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 def test_run_draws_finite_differences_over_sensitivities(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import cotree.cli.picture as picture
+    import cotree.cli.run_picture as picture
 
     seen: dict[str, Any] = {}
 
@@ -203,7 +203,7 @@ def test_run_draws_finite_differences_over_sensitivities(
 def test_run_draws_what_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import cotree.cli.picture as picture
+    import cotree.cli.run_picture as picture
 
     drawn: list[Any] = []
     monkeypatch.setattr(

@@ -12,7 +12,6 @@ from rod_chain import rod_chain
 import cotree
 from cotree import load
 from cotree.codegen import context, loops
-from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import model_context
 from cotree.codegen.ir import (
     Argument,
@@ -25,6 +24,7 @@ from cotree.codegen.ir import (
     number,
     temporary,
 )
+from cotree.codegen.kernel_blocks import cut_into_blocks
 from cotree.codegen.printing import print_body
 from cotree.pipeline import formulate, generate
 from cotree.program import passes as order

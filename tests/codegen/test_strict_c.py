@@ -13,9 +13,9 @@ from rod_chain import rod_chain
 
 from cotree import load
 from cotree.codegen import context
-from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.c_files import STEPPERS, engine_files, render_model
 from cotree.codegen.context import model_context
+from cotree.codegen.kernel_blocks import cut_into_blocks
 from cotree.dag.multi_output import SolveShape
 from cotree.equations import Guard
 from cotree.export.c_project import write_c_project

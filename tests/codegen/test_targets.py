@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from cotree.codegen.blocks import Blocks
 from cotree.codegen.ir import (
     SCALAR,
     Affine,
@@ -26,6 +25,7 @@ from cotree.codegen.ir import (
     uses,
     whole,
 )
+from cotree.codegen.kernel_blocks import Blocks
 from cotree.codegen.node_statements import print_nodes
 from cotree.codegen.printing import print_body, print_lines
 from cotree.codegen.targets import DOUBLE, LANES, SINGLE, Target

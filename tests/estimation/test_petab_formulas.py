@@ -7,7 +7,7 @@ import math
 import pytest
 
 from cotree.errors import ExpressionError
-from cotree.estimation.petab.model import PetabFormula, number_of
+from cotree.estimation.petab.sbml_model import PetabFormula, number_of
 
 VALUES = {"a": 0.7, "b": -1.3, "time": 2.0}
 

@@ -11,7 +11,7 @@ from scipy import stats
 from cotree.errors import ParameterError
 from cotree.estimation.estimated import Estimated
 from cotree.estimation.petab.problem import Prior, Priors, sample_starts
-from cotree.estimation.petab.tables import PriorRow
+from cotree.estimation.petab.tsv_tables import PriorRow
 
 SCALES = {"lin": lambda x: x, "log": math.log, "log10": math.log10}
 

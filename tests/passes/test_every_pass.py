@@ -15,8 +15,8 @@ import cotree
 from cotree import choice
 from cotree.choice import choose_first_graph
 from cotree.codegen import context, maps
-from cotree.codegen.blocks import Blocks, cut_into_blocks
 from cotree.codegen.context import model_context
+from cotree.codegen.kernel_blocks import Blocks, cut_into_blocks
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, reachable, symbols_in
 from cotree.pipeline import formulate, generate, trees_to_try

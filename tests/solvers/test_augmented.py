@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ivp_cases import oscillator, robertson, robertson_rhs
 
-from cotree.solvers.evaluate import (
+from cotree.solvers.guarded_calls import (
     assemble_dense,
     assemble_sparse,
     augmented_tolerances,

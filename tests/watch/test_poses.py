@@ -11,7 +11,7 @@ from cotree import Scene, load
 from cotree.errors import SceneError
 from cotree.watch import shapes
 from cotree.watch.catalogue import body_box
-from cotree.watch.frames import MOST_FRAMES, choose_frames, coordinates_at
+from cotree.watch.frame_times import MOST_FRAMES, choose_frames, coordinates_at
 from cotree.watch.stage import MotionValues
 
 Z = [0, 0, 1]

@@ -449,7 +449,7 @@ def run_scene(
     build_ahead(method, has_events=bool(described.events))
     model = described.compile(sensitivity, tree)
     if plot is not None or (animate is not None and not is_moving):
-        from cotree.cli.picture import check_names, draw_curves, draw_run
+        from cotree.cli.run_picture import check_names, draw_curves, draw_run
 
         check_names(model, show)
     end = described.defaults.t_end if t_end is None else t_end

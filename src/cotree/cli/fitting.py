@@ -295,7 +295,7 @@ def optimise_scene(
     )
     click.echo(found.summary())
     if csv is not None or plot is not None:
-        from cotree.cli.picture import draw_run
+        from cotree.cli.run_picture import draw_run
 
         # Output all steps of this run; runs of the search output only the times of the goals.
         settings |= {

@@ -7,7 +7,6 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.blocks import cut_into_blocks, n_bytes
 from cotree.codegen.ir import (
     Affine,
     Argument,
@@ -20,6 +19,7 @@ from cotree.codegen.ir import (
     named,
     whole,
 )
+from cotree.codegen.kernel_blocks import cut_into_blocks, n_bytes
 from cotree.codegen.loops import roll
 from cotree.codegen.node_statements import (
     SINES,

@@ -15,7 +15,6 @@ from heapq import heapify, heappop, heappush
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from cotree.codegen.blocks import LONGEST_BLOCK, VECTOR, Blocks, Crossing, cut_into_blocks, n_bytes
 from cotree.codegen.ir import (
     REAL,
     Argument,
@@ -31,6 +30,14 @@ from cotree.codegen.ir import (
     uses,
     whole,
     zero,
+)
+from cotree.codegen.kernel_blocks import (
+    LONGEST_BLOCK,
+    VECTOR,
+    Blocks,
+    Crossing,
+    cut_into_blocks,
+    n_bytes,
 )
 from cotree.codegen.loops import roll
 from cotree.codegen.node_statements import OwnRows, own_rows, print_nodes, symbol

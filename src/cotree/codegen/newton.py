@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.ir import Argument, Assign, apply, element, named, number, temporary
+from cotree.codegen.kernel_blocks import cut_into_blocks
 from cotree.codegen.printing import Body, int_table, print_body
 from cotree.codegen.render import ALL, Features, render, with_runtime
 from cotree.codegen.targets import DOUBLE

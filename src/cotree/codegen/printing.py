@@ -31,8 +31,8 @@ from cotree.naming import c_comment
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
 
-    from cotree.codegen.blocks import Blocks
     from cotree.codegen.ir import CExpression, Form, Number, Statement
+    from cotree.codegen.kernel_blocks import Blocks
     from cotree.codegen.targets import Target
 
 _WIDTH, _INDENT = 98, "    "

@@ -322,7 +322,7 @@ def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
 
 
 def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
-    from cotree.formulation.contact import Slip
+    from cotree.formulation.contact_measures import Slip
 
     ends = chord_ends(motion, edge)
     across = carried_by(motion, ends, 1, edge.vectors["axis"])
@@ -330,7 +330,7 @@ def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
 
 
 def _rolling(motion: Motion, edge: BoundEdge) -> Iterator[Constraint]:
-    from cotree.formulation.contact import Touching, surface_of
+    from cotree.formulation.contact_measures import Touching, surface_of
 
     ends, normal = chord_ends(motion, edge), edge.vectors["normal"]
     # The height is a holonomic constraint; the two slips constrain only rates.

@@ -26,6 +26,7 @@ from cotree.formulation.constraints import (
 )
 from cotree.formulation.elements import actions
 from cotree.formulation.frames import choose_frames
+from cotree.formulation.initial_states import StartValue, body_starts, start_conditions
 from cotree.formulation.laws import Applied, applied_laws
 from cotree.formulation.mass_matrix import (
     LateMatrix,
@@ -37,7 +38,6 @@ from cotree.formulation.mass_matrix import (
 )
 from cotree.formulation.networks.attached import Attached, attach_network
 from cotree.formulation.outputs import Observer, Outputs, form_outputs, observe_motion
-from cotree.formulation.start import StartValue, body_starts, start_conditions
 from cotree.formulation.system import System, bind
 from cotree.formulation.through import Balance, Loads, balance, loads_of, mass_matrix
 from cotree.naming import split_name
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from cotree.formulation.measures import Measure
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.network import Network
-    from cotree.linear.tree import TreeLink
+    from cotree.linear.tree_elimination import TreeLink
     from cotree.scene.description import SceneDescription
 
 
@@ -358,7 +358,7 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     is_tree = first.system.trees.is_one and not first.has_far_inertia
     if not (is_tree and all(first.is_safe[:n])):
         return ()
-    from cotree.linear.tree import TreeLink
+    from cotree.linear.tree_elimination import TreeLink
 
     links = []
     for geometry in first.motion.geometry:

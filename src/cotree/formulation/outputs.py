@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.clusters import Point
     from cotree.formulation.fields import BoundEdge
-    from cotree.formulation.networks.names import Names
+    from cotree.formulation.networks.variable_names import Names
     from cotree.scene.description import SceneDescription
 
 
@@ -61,7 +61,7 @@ def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node |
         if found is not None:
             return found
     if edge is not None and edge.component.role is Role.TOUCH and last.startswith("beyond_"):
-        from cotree.formulation.contact import beyond
+        from cotree.formulation.contact_measures import beyond
 
         return beyond(motion, edge, last.removeprefix("beyond_"))
     if point is None:

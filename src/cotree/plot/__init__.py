@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.files import atomic_write, check_suffix
 from cotree.plot.graph import draw_graph, draw_graphs
-from cotree.plot.result import Curves, Name, choose_curves, draw_curves, plot_result
+from cotree.plot.result_figures import Curves, Name, choose_curves, draw_curves, plot_result
 
 if TYPE_CHECKING:
     import os

@@ -13,7 +13,7 @@ import numpy as np
 from cotree.arguments import check_names
 from cotree.errors import SceneError, brief, check_known, nearest
 from cotree.plot.figures import figure_for_people
-from cotree.plot.result import curve_colors, draw_grid, panels, sensitivity_pair
+from cotree.plot.result_figures import curve_colors, draw_grid, panels, sensitivity_pair
 from cotree.units import quotient
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from cotree.plot.result import new_figure
+from cotree.plot.result_figures import new_figure
 
 
 class ShownFigure(Figure):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from cotree.plot.figures import figure_for_people
-from cotree.plot.result import curve_colors, draw_grid, panels
+from cotree.plot.result_figures import curve_colors, draw_grid, panels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

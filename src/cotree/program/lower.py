@@ -400,7 +400,7 @@ def lower(equations: Equations) -> Program:
     packed = pack_rates(equations.dag, reached, n, sensitivity_rates)
     layout, of_events = _layout(equations, starts, rows), dict[str, list[Node]]()
     if equations.events or equations.kinks:
-        from cotree.program.events import event_kernels
+        from cotree.program.event_kernels import event_kernels
 
         of_events, ranges = event_kernels(equations, solved, outputs, along, motion)
         layout = replace(layout, ranges=ranges.places, n_quantities=len(ranges.quantities))

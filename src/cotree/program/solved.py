@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Derivative, Equations
     from cotree.linear.factors import RankedSolver
-    from cotree.linear.tree import TreeLink
+    from cotree.linear.tree_elimination import TreeLink
 
 
 class HeldColumn(Protocol):
@@ -50,7 +50,7 @@ def factorise_bordered(
     n = len(matrix) - len(sizes) - len(holding)
     n_inner = n + len(sizes)
     if links:
-        from cotree.linear.tree import factorise_tree
+        from cotree.linear.tree_elimination import factorise_tree
 
         border = [row[:n] for row in matrix[n:n_inner]]
         along = factorise_tree(dag, links, border, sizes, n)

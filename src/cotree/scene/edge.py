@@ -9,7 +9,7 @@ from cotree.arguments import plain
 from cotree.components import COMPONENTS, Component, Role
 from cotree.errors import SceneError, brief
 from cotree.scene.fields import check_fields, check_initial, edge_statement
-from cotree.scene.ports import PortEnds, check_heat, check_ports
+from cotree.scene.scalar_ports import PortEnds, check_heat, check_ports
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

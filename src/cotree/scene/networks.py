@@ -18,7 +18,7 @@ from cotree.dag.nodes import Dag
 from cotree.domains import DOMAINS
 from cotree.errors import Error
 from cotree.graph import GraphEdge, LinearGraph
-from cotree.scene.ports import PortEnds
+from cotree.scene.scalar_ports import PortEnds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

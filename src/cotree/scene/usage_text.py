@@ -16,7 +16,7 @@ from cotree.components.ports import HEAT, loss_of
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, brief
 from cotree.scene.fields import initial_units
-from cotree.scene.ports import acts_on_multibody
+from cotree.scene.scalar_ports import acts_on_multibody
 
 _WIDEST = 88  # maximum number of columns
 

@@ -38,8 +38,8 @@ from cotree.equations import (
 from cotree.errors import ParameterError, nearest
 from cotree.formulation.constraints import stabilised
 from cotree.formulation.elements import Action, Sums, Wrench, act
+from cotree.formulation.initial_states import given_names
 from cotree.formulation.outputs import output_tangents, units_of_expressions
-from cotree.formulation.start import given_names
 from cotree.formulation.through import Balance, Loads, gather_chords, loads_of, project_cutsets
 from cotree.scene.expressions import Expression
 from cotree.sensitivity.turning import Seed, Support, derivatives_labelled, view_along
@@ -241,7 +241,7 @@ def differentiate(
         return [
             _along(first, name, row, support, reach, {}, {}) for name, row in directions.items()
         ]
-    from cotree.sensitivity.networks import coupling_tangents, network_tangents
+    from cotree.sensitivity.network_graphs import coupling_tangents, network_tangents
 
     # Fields of the networks may contain across variables of the multibody system.
     ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]

@@ -12,7 +12,7 @@ import numpy as np
 from cotree.codegen.statuses import EVENT_FAILURES, NUMBERS, SENTENCES, TURNED
 from cotree.errors import Error, listed
 from cotree.model.kernels import SINGULAR
-from cotree.solvers.evaluate import Evaluator, IntegrationStopError
+from cotree.solvers.guarded_calls import Evaluator, IntegrationStopError
 from cotree.solvers.job import Rescue
 from cotree.solvers.native import ROUNDING_LEVEL
 from cotree.solvers.problem import describe_entry, turning

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from cotree.model.start import Start
     from cotree.sharing import RecentCache
     from cotree.solvers.result import FloatArray
-    from cotree.solvers.sampling import InputSamples
+    from cotree.solvers.sampled_inputs import InputSamples
 
     Inputs = Callable[[float], FloatArray | None]
 
@@ -186,7 +186,7 @@ class Preparation:
         signals = self._signals
         samples: list[InputSamples] = []
         if signals.sampled:
-            from cotree.solvers.sampling import reaching, with_samples
+            from cotree.solvers.sampled_inputs import reaching, with_samples
 
             signals, samples = with_samples(model, p, signals, t_span)
         u = _input_function(model, p, signals)

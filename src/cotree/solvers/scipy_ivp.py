@@ -18,7 +18,7 @@ from cotree.methods import METHODS
 from cotree.model.linear import solve_with
 from cotree.quiet import without_warnings
 from cotree.solvers.budgets import Progress, Thinning, steps_spent
-from cotree.solvers.evaluate import Evaluator, IntegrationStopError, augmented_tolerances
+from cotree.solvers.guarded_calls import Evaluator, IntegrationStopError, augmented_tolerances
 from cotree.solvers.native import ROUNDING_LEVEL, summary
 from cotree.solvers.problem import RunProblem, beyond_scipy, check_problem, segments
 from cotree.solvers.result import BUDGET_SPENT, FAILED, FloatArray, Statistics, Trajectory

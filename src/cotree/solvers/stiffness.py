@@ -13,7 +13,7 @@ import numpy as np
 
 from cotree.errors import SingularSystemError, UnsolvedError
 from cotree.solvers.engine import has_sundials
-from cotree.solvers.evaluate import Evaluator, IntegrationStopError
+from cotree.solvers.guarded_calls import Evaluator, IntegrationStopError
 from cotree.solvers.problem import beyond_scipy, refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 

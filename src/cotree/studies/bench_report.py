@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.files import atomic_write
 from cotree.plot.figures import figure_for_people
-from cotree.plot.result import curve_colors, draw_grid
+from cotree.plot.result_figures import curve_colors, draw_grid
 from cotree.report import Report, Reported, Table, json_values
 from cotree.studies.accuracy import ERROR, OWN_ERROR, BenchRow, Reference, fastest
 

@@ -27,7 +27,7 @@ from cotree.scene.part import origins_of
 from cotree.sharing import forming
 from cotree.version import VERSION
 from cotree.watch.catalogue import draft_scene
-from cotree.watch.frames import WatchedModel, choose_frames, coordinates_at
+from cotree.watch.frame_times import WatchedModel, choose_frames, coordinates_at
 from cotree.watch.picture import MARGIN, Painter, decimals, gif, place_camera
 from cotree.watch.shapes import visual_meshes
 from cotree.watch.stage import MotionValues, set_stage

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.first_graph import FirstGraph
-    from cotree.watch.frames import Moments
+    from cotree.watch.frame_times import Moments
     from cotree.watch.stage import MotionValues, Place, Poses, Stage
 
 

@@ -21,8 +21,8 @@ from cotree.ensemble.batch import load_batch
 from cotree.errors import ParameterError, SolveError
 from cotree.estimation.estimated import Array, Estimated, Scaled
 from cotree.estimation.multistart import Search, StartRecord, minimise_from_starts
-from cotree.estimation.petab.model import mapped
-from cotree.estimation.petab.tables import ParameterRow, PriorRow, Tables, read_tables
+from cotree.estimation.petab.sbml_model import mapped
+from cotree.estimation.petab.tsv_tables import ParameterRow, PriorRow, Tables, read_tables
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
 from cotree.scene.settings import STEPS_OF_FIT, Settings, SettingsDict

@@ -22,8 +22,8 @@ from cotree.build.compile import build_library
 from cotree.codegen.c_files import INTEGRATORS
 from cotree.errors import BuildError, CodegenError, SolveError, check_known
 from cotree.export.c_checks import Evaluated, check_loops, check_numbers
+from cotree.export.fmi.fmu_sources import FmuFacts, form_kernels, source_files
 from cotree.export.fmi.model_description import Description, VariableBlocks, xml_text
-from cotree.export.fmi.sources import FmuFacts, form_kernels, source_files
 from cotree.files import atomic_write, write_rows
 from cotree.naming import c_identifier
 from cotree.program.surfaces import strip_switching_surfaces

@@ -21,7 +21,7 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from cotree.export.fmi.sources import FmuKernels
+    from cotree.export.fmi.fmu_sources import FmuKernels
     from cotree.program.layout import Layout
 
 

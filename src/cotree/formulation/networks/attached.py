@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cotree.formulation.across import Motion, View
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.network import Network
-    from cotree.formulation.networks.unilateral import Holding
+    from cotree.formulation.networks.unilateral_forces import Holding
     from cotree.formulation.system import System
     from cotree.scene.description import SceneDescription
 

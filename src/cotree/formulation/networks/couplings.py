@@ -13,7 +13,7 @@ from cotree.components import Kind
 from cotree.dag import vector
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
-from cotree.formulation.contact import touching
+from cotree.formulation.contact_measures import touching
 from cotree.formulation.laws import JointElement, joint_measure
 from cotree.formulation.measures import Distance, Ends, Pull, Spin, carried_by, chord_ends
 

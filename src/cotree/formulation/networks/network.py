@@ -9,8 +9,7 @@ from cotree.components import Kind
 from cotree.dag.nodes import STATE, UNKNOWN, Node, symbols_in
 from cotree.equations import Guard, PositionRow, State
 from cotree.formulation.fields import is_varying
-from cotree.formulation.networks.names import Names
-from cotree.formulation.networks.solved import Solved, make_plan, solve_plan
+from cotree.formulation.networks.solve_plan import Solved, make_plan, solve_plan
 from cotree.formulation.networks.states import (
     Redundant,
     algebraic_state,
@@ -23,7 +22,7 @@ from cotree.formulation.networks.states import (
 from cotree.formulation.networks.stores import contents_of, find_stores
 from cotree.formulation.networks.terminals import Terminals
 from cotree.formulation.networks.topology import Topology
-from cotree.formulation.networks.unilateral import (
+from cotree.formulation.networks.unilateral_forces import (
     Holding,
     check_friction,
     holding_of,
@@ -31,6 +30,7 @@ from cotree.formulation.networks.unilateral import (
     reacting_fields,
     used_by_friction,
 )
+from cotree.formulation.networks.variable_names import Names
 from cotree.scene.networks import Port, scalar_graphs, scalar_ports
 from cotree.scene.normal_trees import NormalTree, normal_trees
 

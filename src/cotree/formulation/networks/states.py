@@ -10,8 +10,8 @@ from cotree.components import Kind, content_of, integral_of
 from cotree.domains import DOMAINS
 from cotree.equations import PositionRow, State
 from cotree.errors import ParameterError
-from cotree.formulation.networks.names import state_name
 from cotree.formulation.networks.topology import Topology
+from cotree.formulation.networks.variable_names import state_name
 from cotree.graph import select_tree
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from cotree.dag.nodes import symbols_in
 from cotree.domains import DOMAINS
 from cotree.errors import FormulationError
 from cotree.formulation.fields import guards_of, is_timed
-from cotree.formulation.networks.names import argument_of
 from cotree.formulation.networks.rules import (
     FieldRule,
     Lawful,
@@ -35,7 +34,8 @@ from cotree.formulation.networks.rules import (
     through_residual,
 )
 from cotree.formulation.networks.stores import is_of_content
-from cotree.formulation.networks.unilateral import limit_law
+from cotree.formulation.networks.unilateral_forces import limit_law
+from cotree.formulation.networks.variable_names import argument_of
 from cotree.scene.networks import GIVES, Swap
 
 if TYPE_CHECKING:

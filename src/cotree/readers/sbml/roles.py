@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.errors import ExpressionError, brief, check_known
 from cotree.readers.sbml.document import Entity, Formula, Reaction, SbmlContent, explained
-from cotree.readers.sbml.formulas import FormulaReader, Term, children, kind_of, name, number
+from cotree.readers.sbml.mathml import FormulaReader, Term, children, kind_of, name, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -29,7 +29,7 @@ from cotree.readers.sbml.document import (
     explained,
     read_document,
 )
-from cotree.readers.sbml.formulas import (
+from cotree.readers.sbml.mathml import (
     RELATIONS,
     FormulaReader,
     Term,

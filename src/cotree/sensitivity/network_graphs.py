@@ -92,7 +92,7 @@ def network_tangents(
     support: Support,
 ) -> NetworkTangents:
     """Differentiate the networks; ``couplings`` are tangents of multibody variables at ports."""
-    from cotree.formulation.networks.solved import differentiate_plan
+    from cotree.formulation.networks.solve_plan import differentiate_plan
 
     # Evaluating all directions together forms each partial derivative of a law only once.
     d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))

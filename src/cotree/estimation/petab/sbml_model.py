@@ -29,7 +29,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from cotree.compiled import Model
-    from cotree.estimation.petab.tables import ConditionRow, MeasurementRow, ObservableRow, Tables
+    from cotree.estimation.petab.tsv_tables import (
+        ConditionRow,
+        MeasurementRow,
+        ObservableRow,
+        Tables,
+    )
 
 
 #: Value set by a condition: the name of an estimated parameter, or a number.

@@ -28,7 +28,7 @@ from cotree.dag.nodes import Dag, Node, substitute, symbols_in
 from cotree.domains import DOMAINS
 from cotree.errors import FormulationError
 from cotree.formulation.networks.rules import Given, Lawful, Rule, Tangent, Unknown, Variable
-from cotree.formulation.networks.unilateral import is_holding
+from cotree.formulation.networks.unilateral_forces import is_holding
 from cotree.linear.factors import LinearSolver, factorise_definite
 from cotree.tolerances import TINY
 
