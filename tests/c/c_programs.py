@@ -47,16 +47,13 @@ def build(project: CProject, compiler: str) -> str:
     name = level[level.index("-o") + 1]
     flags = [word for word in level if word not in {*sources, "-o", name, "-lm"}]
     compile_ = [compiler, *flags, *STRICT, *SANITIZE]
-    objects = [_object(compile_, project.directory, source) for source in sources]
+    objects = [compile_once(compile_, project.directory, source) for source in sources]
     run([*compile_, "-o", name, *objects, "-lm"], project.directory)
     return f"./{name}"
 
 
-def _object(command: list[str], folder: Path, source: str) -> str:
-    """Compile one file, unless that was done with the same text and headers."""
-    if not source.startswith("cotree_"):
-        run([*command, "-c", source], folder)
-        return source.removesuffix(".c") + ".o"
+def compile_once(command: list[str], folder: Path, source: str) -> str:
+    """Return the object of a file, which tests and workers share if its text and headers agree."""
     texts = [path.read_text() for path in _included(folder / source)]
     key = hashlib.sha256("\0".join([*command, *texts]).encode()).hexdigest()
     kept = Path(os.environ["COTREE_CACHE_DIR"]).with_name("objects") / f"{key}.o"
@@ -75,7 +72,7 @@ def _included(source: Path) -> list[Path]:
     found = [source]
     for path in found:
         names = re.findall(r'#include "(\w+\.h)"', path.read_text())
-        found += [own for own in map(source.with_name, names) if own not in found]
+        found += [own for own in map(source.with_name, names) if own.exists() and own not in found]
     return found
 
 

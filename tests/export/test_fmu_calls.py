@@ -13,6 +13,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from c_programs import SANITIZE, compile_once, need, run
 
 import cotree
 
@@ -20,7 +21,6 @@ fmpy = pytest.importorskip("fmpy")
 
 FOLDER = Path(__file__).parent
 HEADERS = Path(fmpy.__file__).parent / "c-code"
-SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 
 #: Scenes, with whether small changes of parameters may leave no start, or one without derivatives,
 #: and how long steps of explicit Euler may be, as a share of what the driver takes by default.
@@ -112,8 +112,7 @@ class Facts:
 
 def _driver(folder: Path, name: str, version: int, level: str) -> Path:
     """Compile the driver with the sources of a unit."""
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
+    need("gcc")
     is_tied, step = SCENES[name]
     model = cotree.load(name).compile()
     model.export_fmu(folder / "unit.fmu", version, platforms=[])
@@ -123,17 +122,17 @@ def _driver(folder: Path, name: str, version: int, level: str) -> Path:
     sources = folder / "sources"
     n_events = len(model.kernels.layout.events)
     (sources / "unit_facts.h").write_text(Facts(text, version).header(n_events, is_tied, step))
-    program = folder / "calls"
-    command = [
-        "gcc", "-std=c11", level, "-g", *SANITIZE, f"-DFMI={version}", f"-DFMI{version}_Export=",
-        "-Wall", "-Wextra", f"-I{FOLDER}", f"-I{sources}", "-isystem", str(HEADERS),
-        str(FOLDER / "fmi_calls.c"), *map(str, sorted(sources.glob("*.c"))),
-        "-o", str(program), "-lm",
-    ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stderr[-4000:]
-    assert "warning" not in done.stderr, done.stderr[-4000:]
-    return program
+    compile_ = ["gcc", "-std=c11", level, "-g", *SANITIZE, "-fno-omit-frame-pointer"]
+    compile_ += ["-Wall", "-Wextra", "-Werror"]
+    units = [path.name for path in sorted(sources.glob("*.c"))]
+    for file in ("fmi_calls.c", "fmi_calls.h"):
+        shutil.copy(FOLDER / file, sources)
+    # Most files of a unit do not depend on the version, so that both versions share objects.
+    driver = [*compile_, "-isystem", str(HEADERS), f"-DFMI={version}", f"-DFMI{version}_Export="]
+    objects = [compile_once(compile_, sources, file) for file in units]
+    objects.append(compile_once(driver, sources, "fmi_calls.c"))
+    run([*compile_, "-o", "calls", *objects, "-lm"], sources)
+    return sources / "calls"
 
 
 def _run(program: Path, first: int, n: int) -> None:
