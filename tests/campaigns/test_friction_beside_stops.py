@@ -202,9 +202,10 @@ def _run(seed: int) -> int:
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "first",
-    # Half of them have both domains and all methods as well.
+    # A quarter of them, with both domains and all methods, finds with a probability of 95 % a fault
+    # that one scene of twenty has.
     [
-        pytest.param(first, marks=[] if first // 4 % 4 in (0, 3) else pytest.mark.campaign)
+        pytest.param(first, marks=[] if first // 4 % 8 in (0, 3) else pytest.mark.campaign)
         for first in range(0, 240, 4)
     ],
 )
