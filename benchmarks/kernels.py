@@ -31,6 +31,7 @@ from timing import Contender, about, difference, in_turn, keep, own, show, table
 import cotree
 from cotree import Scene
 from cotree.build import BuildOptions, compiler_flags, find_toolchain
+from cotree.codegen.context import model_context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -170,7 +171,7 @@ def flags(model: Any, native: bool) -> tuple[str, ...]:
     toolchain = find_toolchain()
     if toolchain is None:
         raise SystemExit("no C compiler was found: install one")
-    context = model.spec.formed.context
+    context = model_context(model.kernels.text.program)
     sizes = context.n_written, context.n_written_in_all
     return compiler_flags(toolchain, BuildOptions(native=native), *sizes)
 

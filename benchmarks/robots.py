@@ -37,6 +37,7 @@ from timing import about, keep, show, table
 
 import cotree
 import cotree.model.columns
+from cotree.model.further import whole_files
 
 HERE = Path(__file__).parent
 #: File, base.
@@ -206,7 +207,7 @@ def many_points(model: Any, n: int = 4096, rounds: int = 9) -> dict[str, dict[st
 
 def kernel_text(model: Any, name: str, folder: Path) -> str:
     """Return the C text of a single kernel and its headers."""
-    files = model.kernels.text.files
+    files = whole_files(model.kernels.text)
     for file, text in files.items():
         if file.endswith(".h"):
             (folder / file).write_text(text)

@@ -27,6 +27,7 @@ import cotree
 import cotree.build.cache
 from cotree.build import find_toolchain
 from cotree.build.compile import processor_name
+from cotree.model.further import whole_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -191,7 +192,7 @@ def own(model: Any, kernel: str, x: Any, s: Any) -> Contender:
     kind = "sensitivity" if "s" in model.kernels.program.kernels[kernel].spec.arguments else "state"
     before = [s.copy()] if kind == "sensitivity" else []
     rest = [np.zeros(struct.n_inputs + 1), p, model.kernels.prepared(p), out]
-    files = model.kernels.text.files
+    files = whole_files(model.kernels.text)
     return Contender(
         model.operations[kernel].kernel,
         sum(len(text) for name, text in files.items() if name != "cotree_abi.h"),

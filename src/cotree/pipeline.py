@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from cotree.choice import Alternative
-    from cotree.codegen.context import ModelContext
     from cotree.equations import Derivative, Equations
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import LinearGraph, Tree
@@ -50,7 +49,7 @@ if TYPE_CHECKING:
     from cotree.scene.graphs import TreeChoice
 
 
-#: Operations of a Jacobian from which it is compiled separately, in 0.2 s.
+#: Operations of a Jacobian from which it is printed and compiled separately; gcc takes 0.2 s.
 _LONG_JACOBIAN = 2_000
 
 
@@ -61,7 +60,6 @@ class Formed:
     first: FirstGraph  # first graph, from which the equations were formed
     alternatives: tuple[Alternative, ...]  # formulations that were tried, the cheapest first
     reports: tuple[PassReport, ...]  # operation counts before and after each optimisation pass
-    context: ModelContext  # context passed to the templates
     text: ModelText  # the optimised program with its C text
     times: Mapping[str, float]  # time spent in each stage: formulate, generate, [s]
 
@@ -222,7 +220,7 @@ def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
                 "initial values without start = \"operating point\" ('uic' in a netlist)"
             )
         raise type(error)(f"the operating point: {error}{hint}") from None
-    return text_of(program, model_context(program))
+    return text_of(program)
 
 
 @without_collection()
@@ -249,27 +247,25 @@ def form_text(
 
             equations = freeze_branches(equations)
         program, reports = generate(equations)
-        context = model_context(program)
         causes = [sentence for _, sentence in tiny_masses(scene)][:2]
         slow = " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in causes)
         cautions = tuple(impossible_inertias(scene))
-        text = replace(text_of(program, context), slow_causes=slow, cautions=cautions)
+        text = replace(text_of(program), slow_causes=slow, cautions=cautions)
         marks.append(time.perf_counter())
         times = {"formulate": marks[1] - marks[0], "generate": marks[2] - marks[1]}
-        return Formed(first, alternatives, reports, context, text, times)
+        return Formed(first, alternatives, reports, text, times)
 
 
-def text_of(program: Program, context: ModelContext) -> ModelText:
-    """Print the C text of a program."""
-    files, units = render_model(context), {}
-    if context.n_written_in_all >= _LONG_JACOBIAN:
-        from cotree.codegen.newton import render_units
-
-        units = render_units(context, _LONG_JACOBIAN)
+def text_of(program: Program) -> ModelText:
+    """Print the C text of a program, without its Jacobian if that is long."""
+    is_divided = program.kernels["jacobian"].operations.total >= _LONG_JACOBIAN
+    names = [name for name in program.kernels if name != "jacobian" or not is_divided]
+    context = model_context(program, names_of=names)
+    files = render_model(context)
     return ModelText.of(
         program,
         files=files,
-        units=units,
+        is_divided=is_divided,
         declarations=cdef(files["cotree_abi.h"], context.prefix),
         prefix=context.prefix,
         n_written=context.n_written,

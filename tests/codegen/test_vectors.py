@@ -13,6 +13,7 @@ from rod_chain import rod_chain
 from cotree import load
 from cotree.build import find_toolchain
 from cotree.codegen import maps
+from cotree.codegen.context import model_context
 from cotree.codegen.render import with_runtime
 from cotree.program import columns
 
@@ -63,7 +64,7 @@ def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
         monkeypatch.setattr(maps, "_LONGEST_IN_TURN", longest)
         model = _model()
         found[longest] = _values(model)
-        rows = model.spec.formed.context.maps
+        rows = model_context(model.kernels.text.program).maps
         n_blocks[longest] = [len(row.body.blocks) for row in rows]
         # Each rod waits for the one before, so that two vectors of the Jacobian go in turn.
         assert max(row.n_together for row in rows) == (2 if longest == 50 else 1)
@@ -78,7 +79,7 @@ def test_loops_of_a_map_give_the_same_bits(monkeypatch):
     """Of fifty rods and more the statements of a map are loops."""
     scene, wanted = rod_chain(50)
     model = scene.compile(wanted[:8])
-    rows = model.spec.formed.context.maps
+    rows = model_context(model.kernels.text.program).maps
     lines = [line for row in rows for line in row.body.text]
     assert any(line.strip().startswith("for (") for line in lines)
     assert any(line.strip().startswith("VECTOR v[") for line in lines)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from cotree import Model, Scene
 from cotree.build import BuildOptions
-from cotree.codegen.context import model_context
 from cotree.dag.derivative import tangents
 from cotree.dag.lookup import LinearTable
 from cotree.dag.multi_output import table
@@ -54,12 +53,11 @@ def model_of(
 ) -> Model:
     """Compile equations that no scene gives."""
     program, reports = generate(equations)
-    context = model_context(program)
-    text = text_of(program, context)
+    text = text_of(program)
     scene = Scene(equations.name)
     scene.simulation(t_end=t_end)
     spec = BuildSpec(scene)
-    spec.__dict__["formed"] = Formed(None, (), reports, context, text, {})
+    spec.__dict__["formed"] = Formed(None, (), reports, text, {})
     model = Model(load_model(text, BuildOptions()), spec, {})
     model.__dict__["_linearizer"] = Linearizer(equations, input_columns)
     return model

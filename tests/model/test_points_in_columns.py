@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cotree import ParameterError, load
-from cotree.model import columns, kernels
+from cotree.model import columns
 
 # Scenes with inputs, outputs, algebraic unknowns, constraints, and sensitivities that vanish.
 SCENES = ["slider-pendulum", "bridge-rectifier", "motor-linkage", "battery-cell"]
@@ -151,10 +151,10 @@ def test_lanes_stop_at_the_column_that_a_guard_rejects(monkeypatch):
 @pytest.mark.compiler
 @pytest.mark.parametrize("features", ["", "avx2", "avx2 fma"])
 def test_lanes_of_other_processors_agree(features, monkeypatch):
-    if not set(features.split()) <= set(kernels.cpu_features().split()):
+    if not set(features.split()) <= set(columns.cpu_features().split()):
         pytest.skip(f"this processor lacks {features}")
     monkeypatch.setattr(columns, "_MANY", 8)
-    monkeypatch.setattr(kernels, "cpu_features", lambda: features)
+    monkeypatch.setattr(columns, "cpu_features", lambda: features)
     for name in ("battery-cell", "slider-pendulum"):
         model = load(name).compile()
         y = model.initial_state[:, None] + 0.1 * np.random.default_rng(5).random((1, 19))

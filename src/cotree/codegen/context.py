@@ -36,11 +36,12 @@ from cotree.codegen.targets import DOUBLE
 from cotree.dag.multi_output import Function
 from cotree.dag.nodes import ARGUMENT_OF, reachable
 from cotree.naming import c_identifier, c_string
+from cotree.program.kernels import KERNELS
 from cotree.quiet import without_collection
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from cotree.codegen.ir import CExpression, Statement
     from cotree.codegen.maps import MapContext
@@ -277,11 +278,14 @@ class ModelContext(KernelFile):
 
 
 @without_collection()
-def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
-    """Build the template data of a model for a target with scalar numbers."""
+def model_context(
+    program: Program, target: Target = DOUBLE, names_of: Collection[str] = tuple(KERNELS)
+) -> ModelContext:
+    """Build the template data of a model, with the named kernels, for scalar numbers."""
     layout = program.layout
     prefix = c_identifier(layout.name)
-    nodes = [node for kernel in program.kernels.values() for node in kernel.order]
+    chosen = [kernel for name, kernel in program.kernels.items() if name in names_of]
+    nodes = [node for kernel in chosen for node in kernel.order]
     nodes += reachable([guard.value for guard in program.guards])  # checked by ``prepare``
     tables = name_tables(nodes)
     maps = list(dict.fromkeys(node for node in nodes if node.op == "map"))
@@ -300,7 +304,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
             if (table := constant_columns(node, f"cotree_columns{i}", target))
         }
         contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
-    present = [k for k in program.kernels.values() if k.is_present]
+    present = [k for k in chosen if k.is_present]
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
     names |= {node: table.name for node, table in columns.items()}

@@ -25,7 +25,6 @@ from cotree.quiet import without_collection
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from cotree.codegen.context import ModelContext
     from cotree.codegen.ir import CExpression, Statement
     from cotree.codegen.printing import Constants
     from cotree.codegen.targets import Target
@@ -344,30 +343,3 @@ def count_step_work(program: Program) -> StepWork | None:
         n * (2 * lower + upper + 1 if is_banded else n),
         n * lower * (lower + upper) if is_banded else n**3 // 3,
     )
-
-
-def render_units(model: ModelContext, least: int) -> dict[str, str]:
-    """Return the C text of the Jacobian and of all other kernels as two units.
-
-    Each unit returns a ``cotree_model`` with its kernels. The result is empty if the Jacobian has
-    fewer than ``least`` operations.
-    """
-    name = f"{model.prefix}_jacobian"
-    apart = [name in kernel.signature for kernel in model.kernels]
-    counts = zip(model.kernels, apart, strict=True)
-    if sum(row.n_operations for row, is_own in counts if is_own) < least:
-        return {}
-    units = {}
-    for unit, of_jacobian in ((model.prefix, False), (name, True)):
-        rows = zip(model.kernels, apart, strict=True)
-        pointers = {
-            field: value if (value == name) == of_jacobian else "NULL"
-            for field, value in model.kernel_pointers.items()
-        }
-        own = replace(
-            model,
-            kernels=[row for row, is_own in rows if is_own == of_jacobian],
-            kernel_pointers=pointers,
-        )
-        units[f"{unit}.c"] = render("c/model.c.jinja", model.target, model=own)
-    return units

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.build import BuildOptions
-from cotree.codegen.context import model_context
 from cotree.codegen.tableaus import FIXED
 from cotree.dag.continuity import jumps_at_time_events
 from cotree.dag.nodes import substitute
@@ -49,7 +48,7 @@ class Evaluated:
         """The compiled program."""
         if self.given is not None:
             return self.given
-        return load_model(text_of(self.program, model_context(self.program)), BuildOptions())
+        return load_model(text_of(self.program), BuildOptions())
 
     @property
     def is_possible(self) -> bool:

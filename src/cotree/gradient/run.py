@@ -21,7 +21,8 @@ from cotree.dag.nodes import PARAMETER, symbols_in
 from cotree.errors import BuildError, ParameterError, SolveError, check_known, listed
 from cotree.gradient.goals import SUMMED, GoalFunction, GoalQuantity, Goals, check_times, variant_of
 from cotree.model.arrays import CObjects
-from cotree.model.kernels import NO_COMPILER, build_engine, load_further, shared_code
+from cotree.model.further import load_further
+from cotree.model.kernels import NO_COMPILER, build_engine, shared_code
 from cotree.records import changed
 from cotree.report import Facts, Report, Reported, Values
 from cotree.sharing import locked_cache
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 
     from cotree.build import LoadedLibrary
     from cotree.model.arrays import Array
-    from cotree.model.kernels import Rendered
+    from cotree.model.further import Rendered
     from cotree.model.model import CompiledModel
     from cotree.program.text import ModelText
     from cotree.scene.settings import Settings

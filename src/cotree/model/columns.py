@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.build import find_toolchain
+from cotree.build.compile import cpu_features
 from cotree.errors import Error, ParameterError
 from cotree.model.arrays import Array, CObjects, as_array, is_many
+from cotree.model.further import load_further
 from cotree.model.kernels import Rows, call_columns, load_columns
 from cotree.naming import c_identifier
 from cotree.program.kernels import KERNELS
@@ -28,7 +31,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cotree.build import LoadedLibrary
+    from cotree.model.further import Rendered
     from cotree.model.model import CompiledModel
+    from cotree.program.text import ModelText
 
     IndexArray = npt.NDArray[np.intp]
 
@@ -44,6 +49,24 @@ _BLOCK, _PIECE = 8, 256
 # Number of points after whose evaluation the number of threads is chosen, and the time that is
 # worth a thread, [s].
 _FIRST, _WORTH = 512, 3e-4
+
+
+def load_points(text: ModelText, name: str) -> LoadedLibrary | None:
+    """Build and load a kernel in SIMD lanes for many points; None if that is impossible."""
+    if find_toolchain() is None:
+        return None
+    # Imported here, because other calls do not need these modules.
+    from cotree.codegen.lanes import lanes_of, points_context, render_points
+
+    lanes = lanes_of(cpu_features().split())
+
+    def render() -> Rendered | None:
+        model = points_context(text.program, name, lanes)
+        if isinstance(model, str):
+            return None
+        return *render_points(model), model.n_written, model.n_written_in_all
+
+    return load_further(text, (name, lanes), render)
 
 
 def in_columns(

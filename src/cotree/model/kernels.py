@@ -7,7 +7,6 @@ prepared parameters. Kernels of implicit methods (``cotree_newton``) are built a
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import threading
 from dataclasses import dataclass
 from functools import partial
@@ -15,25 +14,28 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, loop_flags, obtain_library
+from cotree.build import (
+    BuildOptions,
+    BuiltLibrary,
+    LoadedLibrary,
+    find_toolchain,
+    loop_flags,
+    obtain_library,
+)
 from cotree.build.cache import cached
-from cotree.build.compile import cpu_features
 from cotree.errors import BuildError, SolveError
 from cotree.model.arrays import Array, pointer_to
 from cotree.program.kernels import KERNELS
-from cotree.sharing import forming, locked_cache
+from cotree.sharing import forming, locked_cache, locked_cached_property
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping
 
     from cotree.codegen.newton import StepWork
     from cotree.model.model import CompiledModel
     from cotree.program.program import Program
     from cotree.program.text import ModelText
-
-    #: The arguments of `load_kernels` without options.
-    Rendered = tuple[Mapping[str, str], str, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,59 +65,40 @@ def load_newton(program: Program) -> Newton | None:
     return Newton(int(loaded.ffi.cast("uintptr_t", address)), loaded)
 
 
-def load_points(text: ModelText, name: str) -> LoadedLibrary | None:
-    """Build and load a kernel in SIMD lanes for many points; None if that is impossible."""
-    if find_toolchain() is None:
-        return None
-    # Imported here, because other calls do not need these modules.
-    from cotree.codegen.lanes import lanes_of, points_context, render_points
+def _load_points(text: ModelText, name: str) -> LoadedLibrary | None:
+    from cotree.model.columns import load_points
 
-    lanes = lanes_of(cpu_features().split())
-
-    def render() -> Rendered | None:
-        model = points_context(text.program, name, lanes)
-        if isinstance(model, str):
-            return None
-        return *render_points(model), model.n_written, model.n_written_in_all
-
-    return load_further(text, (name, lanes), render)
-
-
-def load_further(
-    text: ModelText, key: tuple[object, ...], render: Callable[[], Rendered | None]
-) -> LoadedLibrary | None:
-    """Build and load further functions of a model, whose text is cached on disk."""
-
-    def formed() -> Rendered | None:
-        # Rendering may add nodes to the graph, as above.
-        with forming:
-            return render()
-
-    digest = hashlib.sha256("\0".join(map(str, sorted(text.files.items()))).encode()).hexdigest()
-    found = cached((*key, digest), formed)
-    return None if found is None else load_kernels(*found, BuildOptions())
+    return load_points(text, name)
 
 
 def load_kernels(
     files: Mapping[str, str], declarations: str, n_written: int, n_all: int, options: BuildOptions
 ) -> LoadedLibrary | None:
-    """Build and load additional C functions of a model; return None if that is impossible.
+    """Build and load additional C functions of a model; return None if that is impossible."""
+    with contextlib.suppress(BuildError):
+        return obtain_kernels(files, declarations, n_written, n_all, options)[1]
+    return None
+
+
+def obtain_kernels(
+    files: Mapping[str, str], declarations: str, n_written: int, n_all: int, options: BuildOptions
+) -> tuple[BuiltLibrary, LoadedLibrary]:
+    """Build and load C functions of a model; raise BuildError if that is impossible.
 
     ``n_written`` and ``n_all`` are the operations of the longest function and of all together.
     """
     toolchain = find_toolchain()
-    with contextlib.suppress(BuildError):
-        if toolchain is not None:
-            return obtain_library(
-                files,
-                declarations,
-                abi_version=ABI_VERSION,
-                n_operations=n_written,
-                n_all=n_all,
-                options=options,
-                toolchain=toolchain,
-            )[1]
-    return None
+    if toolchain is None:
+        raise BuildError(NO_COMPILER)
+    return obtain_library(
+        files,
+        declarations,
+        abi_version=ABI_VERSION,
+        n_operations=n_written,
+        n_all=n_all,
+        options=options,
+        toolchain=toolchain,
+    )
 
 
 def _step_work(program: Program) -> StepWork | None:
@@ -129,31 +112,37 @@ SINGULAR = 1
 
 
 class _LoadedModel:
-    """The ``cotree_model`` of a library, to which kernels of other libraries are added.
+    """The ``cotree_model`` of a library, to which a long Jacobian is added when first needed."""
 
-    ``others`` return libraries, as :func:`obtain_library`, which are built when first needed.
-    """
-
-    def __init__(
-        self, text: ModelText, library: LoadedLibrary, others: Sequence[Callable[[], Any]]
-    ) -> None:
-        self._text, self._ffi, self._others = text, library.ffi, others
+    def __init__(self, text: ModelText, library: LoadedLibrary, options: BuildOptions) -> None:
+        self._text, self._ffi, self._options = text, library.ffi, options
         self.c = self._own(library)
-        if others:
-            # The structure in the library is constant, so kernels are added to a copy.
+        if text.is_divided:
+            # The structure in the library is constant, so the Jacobian is added to a copy.
             self.c = self._ffi.new("cotree_model *", self.c[0])
-        self._lock, self._added = threading.Lock(), list[LoadedLibrary]()
+        self._lock = threading.Lock()
+        self._jacobian: LoadedLibrary | None = None
 
     def complete(self) -> None:
-        """Load the other libraries at the first call."""
+        """Build and load a Jacobian that the library lacks, at the first call."""
+        if not self._text.is_divided or self._jacobian is not None:
+            return
+        # Printed before, because threads that hold the lock for forming may wait for this lock.
+        files, n_written, n_all = self._printed
         with self._lock:
-            for load in self._others[len(self._added) :]:
-                library = load()[1]
-                model = self._own(library)
-                for spec in KERNELS.values():
-                    if function := getattr(model, spec.field):
-                        setattr(self.c, spec.field, self._ffi.cast(spec.type, function))
-                self._added.append(library)
+            if self._jacobian is None:
+                _, library = obtain_kernels(
+                    files, self._text.declarations, n_written, n_all, self._options
+                )
+                function = self._own(library).jacobian
+                self.c.jacobian = self._ffi.cast(KERNELS["jacobian"].type, function)
+                self._jacobian = library  # the reference keeps the code in memory
+
+    @locked_cached_property
+    def _printed(self) -> tuple[Mapping[str, str], int, int]:
+        from cotree.model.further import jacobian_files
+
+        return jacobian_files(self._text)
 
     def _own(self, library: LoadedLibrary) -> Any:
         """Return the ``cotree_model`` in a library; raise BuildError if it is another model's."""
@@ -222,13 +211,15 @@ class Kernels:
 
     backend = "C"
 
-    def __init__(self, text: ModelText, library: LoadedLibrary, *others: Callable[[], Any]) -> None:
+    def __init__(
+        self, text: ModelText, library: LoadedLibrary, options: BuildOptions | None = None
+    ) -> None:
         self.library = library  # the reference keeps the code in memory
-        self._text, self._model = text, _LoadedModel(text, library, others)
+        self._text, self._model = text, _LoadedModel(text, library, options or BuildOptions())
         self._own = _OwnBuffers(text, library, self._model)
         self.newton = locked_cache(lambda: load_newton(text.program))
         self.step_work = locked_cache(lambda: _step_work(text.program))
-        self.in_lanes = locked_cache(partial(load_points, text))
+        self.in_lanes = locked_cache(partial(_load_points, text))
 
     def address_for(self, *, is_implicit: bool) -> int:
         """Return the address of the ``cotree_model``; the Jacobian may be NULL if not needed."""

@@ -8,15 +8,14 @@ import pickle
 import platform
 import warnings
 import zlib
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.build import BuildOptions, find_toolchain, obtain_library
+from cotree.build import BuildOptions, find_toolchain
 from cotree.errors import BuildError, Error
 from cotree.model.bound import BoundModel
-from cotree.model.kernels import Kernels
+from cotree.model.kernels import Kernels, obtain_kernels
 from cotree.model.model import CompiledModel
 from cotree.model.start import find_start
 from cotree.quiet import level_of_user
@@ -34,8 +33,7 @@ def load_model(
     text: ModelText, options: BuildOptions, at_rest: Callable[[], ModelText] | None = None
 ) -> CompiledModel:
     """Compile and load a model and its network ``at_rest``; warn if there is no compiler."""
-    toolchain = find_toolchain()
-    if toolchain is None:
+    if find_toolchain() is None:
         is_asked = os.environ.get("COTREE_COMPILER") == "none"
         reason = (
             "COTREE_COMPILER=none"
@@ -52,21 +50,10 @@ def load_model(
 
         model = CompiledModel(text, MissingKernels(), options)
     else:
-        obtain = partial(
-            obtain_library,
-            declarations=text.declarations,
-            abi_version=ABI_VERSION,
-            n_operations=text.n_written,
-            n_all=text.n_written_in_all,
-            options=options,
-            toolchain=toolchain,
+        library, loaded = obtain_kernels(
+            text.files, text.declarations, text.n_written, text.n_written_in_all, options
         )
-        headers = {name: own for name, own in text.files.items() if name.endswith(".h")}
-        units = [{**headers, name: own} for name, own in text.units.items()]
-        first, *rest = units or [dict(text.files)]
-        library, loaded = obtain(first)
-        others = [partial(obtain, files) for files in rest]
-        model = CompiledModel(text, Kernels(text, loaded, *others), options)
+        model = CompiledModel(text, Kernels(text, loaded, options), options)
         model.cached = library.cached
     if at_rest is not None:
         model.rest = OperatingPoint(model, at_rest)

@@ -306,16 +306,20 @@ class CompiledModel:
     @property
     def digest(self) -> str:
         """Hash of C text, names and default values; equal hashes imply equal results."""
-        parts = [VERSION, repr(self.layout), *_listed(self.text.files)]
+        from cotree.model.further import whole_files
+
+        parts = [VERSION, repr(self.layout), *_listed(whole_files(self.text))]
         if self.rest is not None:
             text = self.rest.text
-            parts += [repr(text.layout), *_listed(text.files)]
+            parts += [repr(text.layout), *_listed(whole_files(text))]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     @property
     def source(self) -> str:
         """The C text of the model, empty if there is none."""
-        return self.text.files.get(f"{self.text.prefix}.c", "")
+        from cotree.model.further import whole_files
+
+        return whole_files(self.text).get(f"{self.text.prefix}.c", "")
 
     @property
     def slow_causes(self) -> str:

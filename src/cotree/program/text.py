@@ -45,9 +45,8 @@ class ModelText:
     traits: Traits
     stored: Program | bytes = field(repr=False)  # program after its passes, or its pickle
     files: Mapping[str, str] = field(default_factory=dict)  # contents of the C files by name
-    #: Contents of the C files that replace the model's file: one without the Jacobian, and one with
-    #: only the Jacobian, which is compiled when it is first needed; empty if the Jacobian is short.
-    units: Mapping[str, str] = field(default_factory=dict)
+    #: Whether the files lack the Jacobian, which is long and has its own files when first needed.
+    is_divided: bool = False
     declarations: str = ""  # C declarations for cffi
     prefix: str = ""  # prefix of all names in the C text
     #: Number of operations in the longest C function, and in all functions.
