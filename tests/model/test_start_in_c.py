@@ -198,3 +198,19 @@ def test_a_start_without_states_is_refused_by_name(sensitivities):
     scene.translational_mass("M", "ground", "x", mass=1.0, initial={"v": 1.0})
     with pytest.raises(cotree.ParameterError, match=r"'M\.v' is given as 1 but is 2 by the source"):
         scene.compile(list(sensitivities), optimize="-O0").simulate((0, 1))
+
+
+@pytest.mark.parametrize("q", [(1, 0, 0, 0), (0.6, 0.8, 0, 0), (0.5, 0.5, -0.5, 0.5), (1, 1, 0, 0)])
+def test_a_start_without_search_has_the_bits_of_the_search(q):
+    scene = Scene("thrown", gravity=[0, 0, -9.81])
+    scene.edge("f", "free", "ground", "A", initial={"x": 0.75, "vx": 0.4, "vy": 0.3})
+    scene.edge("m", "rigid_body", "ground", "A", mass=1.0, inertia=[0.1, 0.2, 0.25])
+    model = scene.compile().kernels
+    assert "start_in_c" not in vars(model)  # compilation needed no search
+    at = BoundModel(model, 0.0, model.default_parameters)
+    given = {f"f.q{i}": value for i, value in enumerate(q)}
+    own, searched = find_start(at, given), model.start_in_c.find(at, given)
+    np.testing.assert_array_equal(own.y, searched.y)
+    assert own.s.shape == searched.s.shape
+    assert (own.is_chosen, own.is_mended, own.note) == (False, False, searched.note)
+    assert not searched.is_chosen

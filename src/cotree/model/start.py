@@ -91,6 +91,11 @@ def find_start(at: BoundModel, initial: Mapping[str, float]) -> Start:
     initial, slopes = _apart(initial)
     if not model.layout.has_start_equations:
         return Start(*_given_values(at, initial, slopes))
+    if model.layout.has_only_norms and not (model.sensitivities or model.begins_at_rest):
+        y, s = _given_values(at, initial, slopes)
+        # The search in C, which takes a second to compile, would not change these values.
+        if all(sum(y[i : i + 4] ** 2) == 1.0 for i in model.layout.quaternions):
+            return Start(y, s)
     _check_initial(model, initial)
     starts, given = model.start_in_c, None
     if starts is None:

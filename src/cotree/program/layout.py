@@ -112,6 +112,13 @@ class Layout:
         return bool(is_found) or any(row.is_jump for row in self.events)
 
     @cached_property
+    def has_only_norms(self) -> bool:
+        """Whether initial values must satisfy nothing but the norms of quaternions."""
+        others = self.start_rows or self.n_algebraic or self.followers or self.redundant
+        is_of_norms = len(self.constraints) == len(self.quaternions)
+        return is_of_norms and not others and not any(row.is_jump for row in self.events)
+
+    @cached_property
     def value_rows(self) -> tuple[int, ...]:
         """Indices of the speed constraints that are rates of coordinate constraints."""
         names = [row.name for row in self.constraints]
