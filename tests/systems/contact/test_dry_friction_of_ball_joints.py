@@ -109,26 +109,34 @@ def test_a_pendulum_breaks_away_when_its_reaction_has_turned_far_enough(method):
         assert abs(result.event_sensitivity("F slips", name)[0] - slope) <= CLOSE
 
 
+SWINGING = {"mu": 0.1, "R": 0.3, "L": 0.8, "q": 1.0}
+
+
+@functools.cache
+def swinging(joint):
+    """Return the model of a pendulum in a plane, which a ball joint or a hinge holds."""
+    scene = cotree.Scene(joint, gravity=[0, 0, -G])
+    for name, value in SWINGING.items():
+        scene.parameter(name, value)
+    start = {"rotation": ["q", 0, 0]} if joint == "spherical" else {"theta": "q"}
+    axis = {} if joint == "spherical" else {"axis": [1, 0, 0]}
+    scene.edge("h", joint, "ground", "A", initial=start, **axis)
+    scene.edge("rod", "arm", "A", "B", vector=[0, 0, "-L"])
+    scene.edge("b", "rigid_body", "ground", "B", mass=2.0, inertia=[0.03, 0.03, 0.01])
+    scene.edge("F", "rotational_dry_friction", joint="h", torque=f"mu*R*{LOAD}")
+    scene.output("depth", "B.z")
+    return scene.compile(list(SWINGING))
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_in_one_plane_a_ball_joint_is_a_hinge(method):
     """Ten swings, with a stop at the end of each, and rest."""
-    given = {"mu": 0.1, "R": 0.3, "L": 0.8, "q": 1.0}
     found = {}
     for joint in ("spherical", "revolute"):
-        scene = cotree.Scene(joint, gravity=[0, 0, -G])
-        for name, value in given.items():
-            scene.parameter(name, value)
-        start = {"rotation": ["q", 0, 0]} if joint == "spherical" else {"theta": "q"}
-        axis = {} if joint == "spherical" else {"axis": [1, 0, 0]}
-        scene.edge("h", joint, "ground", "A", initial=start, **axis)
-        scene.edge("rod", "arm", "A", "B", vector=[0, 0, "-L"])
-        scene.edge("b", "rigid_body", "ground", "B", mass=2.0, inertia=[0.03, 0.03, 0.01])
-        scene.edge("F", "rotational_dry_friction", joint="h", torque=f"mu*R*{LOAD}")
-        scene.output("depth", "B.z")
-        result = simulate(scene.compile(list(given)), method, 12.0)
+        result = simulate(swinging(joint), method, 12.0)
         assert result["F.mode"][-1] == 0
-        ends = [result["depth"][-1], *(result.sensitivity("depth", name)[-1] for name in given)]
-        found[joint] = np.array([*ends, *result.events["F stops"].t])
+        slopes_of_depth = [result.sensitivity("depth", name)[-1] for name in SWINGING]
+        found[joint] = [result["depth"][-1], *slopes_of_depth, *result.events["F stops"].t]
     # Integration errors of eleven swings.
     np.testing.assert_allclose(found["spherical"], found["revolute"], atol=1e-8)
 
