@@ -4,22 +4,30 @@
 with equal values and once with a different value of a parameter at each call. It prints medians of
 the elapsed time, of the time of the integration in C (``result.statistics.seconds``) and of the
 difference, which is spent in Python. Then it prints the times of kernels at 101 points, evaluated
-one at a time and in one call.
+one at a time and in one call. The last table compares calls with calls without two mechanisms:
+``cotree.records``, which copies records faster than ``dataclasses.replace``, and
+``cotree.sharing.RecentCache``, which keeps what runs with equal settings share.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import sys
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 from timing import heading, line
 
 import cotree
+from cotree import records
+from cotree.sharing import RecentCache
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Mapping
 
 
 class Case(NamedTuple):
@@ -103,6 +111,49 @@ def points(rounds: int) -> list[list[str]]:
     return rows
 
 
+def constructed(kind: type[Any], values: Mapping[str, Any]) -> Any:
+    """Make a record by its constructor; fields that are computed later are None."""
+    if set(values) <= set(kind.__dataclass_fields__):
+        return kind(**values)
+    return kind(**{name: values.get(name) for name in kind.__dataclass_fields__})
+
+
+@contextmanager
+def by_constructors() -> Iterator[None]:
+    """Replace the functions of ``cotree.records`` by constructors and ``dataclasses.replace``."""
+    plain = {records.filled: constructed, records.changed: dataclasses.replace}
+    with ExitStack() as stack:
+        for module in [row for name, row in sys.modules.items() if name.startswith("cotree.")]:
+            for name in ("filled", "changed"):
+                function = getattr(records, name)
+                if getattr(module, name, None) is function:
+                    stack.enter_context(patch.object(module, name, plain[function]))
+        yield
+
+
+def prepared_anew() -> Any:
+    """Replace the cache by one that stores nothing."""
+    return patch.object(RecentCache, "of", lambda self, key, make: make())
+
+
+def mechanisms(rounds: int) -> list[list[str]]:
+    """Measure calls with and without each mechanism, in turn."""
+    ways = {"records": by_constructors, "RecentCache": prepared_anew}
+    rows = []
+    for case in cases()[:3]:
+        call = calls_of(case, "dop853")["others"]
+        for name, without in ways.items():
+            pairs = []
+            for _ in range(9):
+                usual = measure(call, rounds)[0]
+                with without():
+                    pairs.append((usual, measure(call, rounds)[0]))
+            clocks = [f"{value:.0f}" for value in np.median(pairs, axis=0)]
+            ratio = np.median([other / usual for usual, other in pairs])
+            rows.append([case.label, name, *clocks, f"{ratio:.2f}"])
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=200)
@@ -116,6 +167,10 @@ def main() -> None:
     print()
     print(heading(["kernel at 101 points", "one by one [us]", "together [us]"]))
     for row in points(rounds):
+        print(line(row))
+    print()
+    print(heading(["model", "mechanism", "with [us]", "without [us]", "ratio"]))
+    for row in mechanisms(rounds):
         print(line(row))
 
 
