@@ -48,7 +48,7 @@ def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...
 
 def by_name(value: Any) -> Any:
     """Convert a pandas Series with names as labels to a dict; return other values unchanged."""
-    if value is None or isinstance(value, Mapping) or not hasattr(value, "to_dict"):
+    if not hasattr(value, "to_dict") or isinstance(value, Mapping):
         return value
     # Labels identify the values, so their order does not matter.
     found = value.to_dict()

@@ -63,9 +63,9 @@ class BoundModel:
         """The given inputs, or those of the scene, shape (n_inputs,)."""
         return self.model.input_values(self.t, self.p) if self.u is None else self.u
 
-    @cached_property
+    @property
     def k(self) -> Array:
-        """The values that the kernel ``prepare`` computes from the parameters."""
+        """The values that the kernel ``prepare`` computes from the parameters, in a new array."""
         return self.model.prepared(self.p)
 
     @property

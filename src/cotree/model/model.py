@@ -293,9 +293,7 @@ class CompiledModel:
         own = self._own
         # Bits are compared, because 0.0 equals -0.0 although 1 / p differs.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():
-            with np.errstate(over="ignore"):
-                is_finite = are_finite(p)
-            if not is_finite:
+            if not are_finite(p):
                 name = self.parameters[int(np.flatnonzero(~np.isfinite(p))[0])]
                 raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
             # If a guard rejects the values, the kernels remain unprepared.

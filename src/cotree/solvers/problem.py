@@ -11,6 +11,7 @@ breakpoint prolongs the effect of f- and shortens that of f+.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -206,7 +207,8 @@ def tested_rtol(problem: RunProblem) -> float:
 
 def _share(problem: RunProblem) -> float:
     """Return the square root of (number of integrated entries / number of states)."""
-    return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))
+    n = problem.size if problem.places is None else len(problem.places)
+    return math.sqrt(max(1, n) / max(1, problem.n_states))
 
 
 def tested(
@@ -255,7 +257,7 @@ def check_problem(problem: RunProblem) -> None:
 
 def check_values(problem: RunProblem) -> None:
     """Raise SolveError if a value that may depend on parameters cannot be accepted."""
-    if problem.direction < 0 and problem.events is not None:
+    if problem.events is not None and problem.direction < 0:
         raise SolveError("A scene with events runs forwards only, since events are not reversible.")
     times = problem.breakpoints
     if len(times) and not np.isfinite(np.asarray(times, dtype=float)).all():
