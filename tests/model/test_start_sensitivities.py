@@ -12,7 +12,6 @@ from fast_and_slow import seeds
 import cotree
 from cotree import Scene
 from cotree.model.bound import BoundModel
-from cotree.model.model import states_only
 from cotree.model.start import find_start
 
 Z = [0, 0, 1]
@@ -100,7 +99,7 @@ def model_of(name: str):
 
 def differences(model, name: str, given: dict[str, float]) -> np.ndarray:
     """Differentiate the states of the start by a parameter."""
-    kernels = states_only(model.kernels)
+    kernels = model.kernels.states_only
     h, value = 1e-5, kernels.parameter_array()[model.parameters.index(name)]
     ends = [
         find_start(

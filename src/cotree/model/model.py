@@ -361,6 +361,11 @@ class CompiledModel:
         return self.program.longest_step(p.tolist(), replaced)
 
     @locked_cached_property
+    def states_only(self) -> CompiledModel:
+        """The model without sensitivities, which is the model itself if it has none."""
+        return StatesOnly(self) if self.sensitivities else self
+
+    @locked_cached_property
     def start_in_c(self) -> StartInC | None:
         """The C routine that searches for consistent initial states, or None without a compiler."""
         from cotree.model.start_in_c import start_in_c
@@ -500,14 +505,6 @@ class CompiledModel:
 
 def _listed(files: Mapping[str, str]) -> list[str]:
     return [part for name in sorted(files) for part in (name, files[name])]
-
-
-def states_only(model: CompiledModel) -> CompiledModel:
-    """Return the model without sensitivities, which is the model itself if it has none."""
-    if not model.sensitivities:
-        return model
-    found: CompiledModel = model.kept.of(StatesOnly, lambda: StatesOnly(model))
-    return found
 
 
 class StatesOnly(CompiledModel):

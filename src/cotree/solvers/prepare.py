@@ -15,7 +15,6 @@ from cotree.arguments import check_mapping
 from cotree.errors import ParameterError, SolveError, check_known
 from cotree.model.bound import BoundModel
 from cotree.model.kernels import NO_COMPILER
-from cotree.model.model import CompiledModel, states_only
 from cotree.model.signals import ReplacedInputs, Sampled, read_signals
 from cotree.model.start import find_start
 from cotree.records import filled
@@ -27,6 +26,7 @@ from cotree.solvers.problem import DENSE_LIMIT, RunProblem
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from cotree.model.model import CompiledModel
     from cotree.model.start import Start
     from cotree.sharing import RecentCache
     from cotree.solvers.result import FloatArray
@@ -137,7 +137,7 @@ class Preparation:
         if model.backend != "C":
             raise SolveError(NO_COMPILER)
         if not settings.sensitivities:
-            model = states_only(model)
+            model = model.states_only
         layout = model.layout
         self.model, self.settings, self.units = model, settings, layout.units
         self._signals = read_signals(settings.inputs, model.inputs)
