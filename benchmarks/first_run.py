@@ -1,10 +1,10 @@
 """Times of the first run of a scene and of later runs, which use the cache.
 
-Run it with ``python benchmarks/first_run.py [command] [ladder] [--rounds N] [--stages N] [--json
-FILE]``; it prints Markdown, by default both tables. Every time is that of a new process from start
-to end, as the median of rounds in which all cases run alternately. ``seconds`` is the elapsed time,
-and ``CPU`` is the processor time of the process and its compilers. Python's bytecode exists
-beforehand, as after an installation.
+Run it with ``python benchmarks/first_run.py [command] [ladder] [files] [--rounds N] [--stages N]
+[--urdf FILE] [--json FILE]``; it prints Markdown, by default all tables. Every time is that of a new
+process from start to end, as the median of rounds in which all cases run alternately. ``seconds``
+is the elapsed time, and ``CPU`` is the processor time of the process and its compilers. Python's
+bytecode exists beforehand, as after an installation.
 """
 
 from __future__ import annotations
@@ -37,6 +37,13 @@ from network_scenes import rc_ladder
 from cotree.build import cache
 cache.KEEPS = sys.argv[2] == "kept"
 rc_ladder(int(sys.argv[1])).compile().simulate((0.0, 10.0), throw=True)
+"""
+#: A robot with a free base from its file to the first right-hand side.
+ROBOT = """
+import sys
+import cotree
+model = cotree.read_urdf(sys.argv[1], "free", mimic=False).compile(tunable=[])
+model.rhs(0.0, model.initial_state)
 """
 
 
@@ -84,6 +91,19 @@ def ladder(cache: Path, n: int) -> dict[str, tuple[float, float]]:
     }
 
 
+def files(cache: Path, robot: Path) -> dict[str, tuple[float, float]]:
+    """Measure a robot and netlists from file to result, with an empty and with a filled cache."""
+    found = {}
+    cases = {f"`{robot.name}` to the first `rhs`": ("-c", ROBOT, str(robot))}
+    for name in ("amplifier", "converter", "ttl"):
+        file = _FOLDER.parent / "readers" / "netlists" / f"{name}.cir"
+        cases[f"`cotree run {file.name}`"] = ("-m", "cotree", "run", str(file))
+    for i, (name, arguments) in enumerate(cases.items()):
+        for row in (f"{name}, empty cache", f"{name}, again"):
+            found[row] = took(cache / str(i), *arguments)
+    return found
+
+
 def rounds(
     measure: Callable[[Path], dict[str, tuple[float, float]]], n: int
 ) -> dict[str, tuple[float, float]]:
@@ -101,15 +121,17 @@ def rounds(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("tables", nargs="*", help="tables: command, ladder; default: both")
+    parser.add_argument("tables", nargs="*", help="tables: command, ladder, files; default: all")
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--stages", type=int, default=2000)
+    parser.add_argument("--urdf", type=Path, default=_FOLDER.parent / "robots/urdf/solo12.urdf")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args(arguments)
     print(surroundings())
     kinds: dict[str, Callable[[Path], dict[str, tuple[float, float]]]] = {
         "command": command,
         "ladder": lambda cache: ladder(cache, given.stages),
+        "files": lambda cache: files(cache, given.urdf),
     }
     if unknown := set(given.tables) - kinds.keys():
         parser.error(f"there is no table {', '.join(sorted(unknown))}: {', '.join(kinds)}")
