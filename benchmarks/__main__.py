@@ -37,6 +37,7 @@ HERE = Path(__file__).parent
 SCRIPTS = {
     "operations": "operations of the slider-pendulum; times of stages for a chain of rods",
     "real_time": "error and time of fixed steps in C projects for real time",
+    "transitions": "instructions of a mode change of one of twelve frictions and of an event",
     "calls": "time of a call of simulate outside its C code, for small models",
     "gradients": "gradients in reverse mode, compared with forward sensitivities",
     "inputs": "cost of inputs: numbers, expressions, tables, functions",
