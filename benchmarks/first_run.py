@@ -1,10 +1,10 @@
 """Times of the first run of a scene and of later runs, which use the cache.
 
 Run it with ``python benchmarks/first_run.py [command] [ladder] [files] [--rounds N] [--stages N]
-[--urdf FILE] [--json FILE]``; it prints Markdown, by default all tables. Every time is that of a new
-process from start to end, as the median of rounds in which all cases run alternately. ``seconds``
-is the elapsed time, and ``CPU`` is the processor time of the process and its compilers. Python's
-bytecode exists beforehand, as after an installation.
+[--urdf FILE] [--json FILE]``; it prints Markdown, by default all tables. Every time is that of a
+new process from start to end, as the median of rounds in which all cases run alternately.
+``seconds`` is the elapsed time, and ``CPU`` is the processor time of the process and its compilers.
+Python's bytecode exists beforehand, as after an installation.
 """
 
 from __future__ import annotations
