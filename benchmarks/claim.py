@@ -45,6 +45,7 @@ from cotree.model.kernels import Kernels
 from cotree.pipeline import trees_to_try
 from cotree.program.lower import lower
 from cotree.program.passes import run_passes
+from cotree.program.text import ModelText
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
@@ -185,7 +186,7 @@ def compiled(
     took = spent_by_children() - before
     found = Contender(program.operations["augmented_rhs"].kernel, size, generation, took, "")
     loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
-    kernels = Kernels(program, loaded, context.prefix)
+    kernels = Kernels(ModelText.of(program, prefix=context.prefix), loaded)
     p = np.array(program.layout.parameter_values)
     kernels.prepare(p)
     struct = loaded.ffi.cast("const cotree_model *", kernels.address_for(is_implicit=True))

@@ -133,7 +133,7 @@ def measured(model: Model, end: float, share: float, rounds: int) -> dict[str, l
 def line_of(label: str, model: Model, end: float, share: float, rounds: int) -> list[str]:
     """Return a row of the table."""
     settings = Settings((0.0, end), rtol=1e-6, atol=1e-6 * share)
-    problem = prepared(model.kernels, settings).run(None, {}).problem
+    problem = prepared(model.kernels, settings).run(None, {})
     estimate = share_of_rodas5(problem)
     chosen = model.simulate((0.0, end), rtol=1e-6, atol=1e-6 * share).statistics.method
     found = measured(model, end, share, rounds)
