@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,12 @@ class DisplayName:
         indices += below
         index = f"_{{{','.join(indices)}}}" if indices else ""
         return ACCENTS[self.suffix].format(latex_symbol(letter)) + index
+
+
+#: MathML accents, and commands without effect there, by their names in LaTeX.
+_MATHML_ACCENTS = {"dot": "&#729;", "ddot": "&#168;", "hat": "^", "bar": "&#175;", "tilde": "~"}
+_MATHML_ACCENTS |= {"vec": "&#8594;", "overline": "&#175;"}
+_MATHML_STYLES = frozenset({"mathrm", "operatorname", "mathbf", "text", "left", "right", "mathit"})
 
 
 def real_symbol(name: str) -> Any:
@@ -176,6 +183,100 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     printer._print, printer._as_ordered_terms = print_once, plus_first
     spell: Callable[[Any], str] = printer.doprint
     return spell
+
+
+def mathml_printer(latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
+    """Return a function that writes a sum's terms as MathML (presentation, ``mrow``)."""
+    from sympy.printing.mathml import MathMLPresentationPrinter
+
+    known = dict(latex_names)
+
+    class Printer(MathMLPresentationPrinter):  # type: ignore[misc]
+        def _print_Symbol(self, sym: Any, style: str = "plain") -> Any:
+            element = self.dom.createElement("mrow")
+            # SymPy writes the text of elements unchanged, so that it may contain markup.
+            text = mathml_of_latex(known.setdefault(sym, latex_symbol(sym.name)))
+            element.appendChild(self.dom.createTextNode(text))
+            return element
+
+        def _print_Function(self, e: Any) -> Any:
+            element = super()._print_Function(e)
+            name = element.firstChild.firstChild
+            name.data = html.escape(name.data)
+            return element
+
+        def _print_Piecewise(self, e: Any) -> Any:
+            rows = ""
+            for value, condition in e.args:
+                cells = [self._print(value).toxml(), "otherwise"]
+                if condition not in (True,):
+                    cells[1] = f"if&#160;</mtext>{self._print(condition).toxml()}<mtext>"
+                cells[1] = f"<mtext>{cells[1]}</mtext>"
+                rows += f"<mtr>{''.join(f'<mtd>{cell}</mtd>' for cell in cells)}</mtr>"
+            element = self.dom.createElement("mrow")
+            text = f"<mo>{{</mo><mtable columnalign='left'>{rows}</mtable>"
+            element.appendChild(self.dom.createTextNode(text))
+            return element
+
+    printer = Printer()
+
+    def spell(terms: Sequence[Any]) -> str:
+        parts = []
+        for i, term in enumerate(terms):
+            is_minus = term.could_extract_minus_sign()
+            sign = "<mo>&#8722;</mo>" if is_minus else "<mo>+</mo>" if i else ""
+            parts.append(sign + str(printer.doprint(-term if is_minus else term)))
+        # In some fonts, hyphens are shorter than minus signs, and SymPy's sign for e is missing.
+        text = "".join(parts).replace("<mo>-</mo>", "<mo>&#8722;</mo>")
+        for sign in ("&ExponentialE;", "&#8519;", "\u2147"):
+            text = text.replace(sign, "e")
+        return f"<mrow>{text or '<mn>0</mn>'}</mrow>"
+
+    return spell
+
+
+_TOKEN = re.compile(r"\\([A-Za-z]+)|([{}_^,])|(\d+|[^\W\d_]+|.)")
+
+
+def mathml_of_latex(text: str) -> str:
+    r"""Convert the LaTeX name of a variable to MathML.
+
+    >>> mathml_of_latex(r"\dot{s}_{1}")
+    '<msub><mover><mi>s</mi><mo>&#729;</mo></mover><mn>1</mn></msub>'
+    """
+    from sympy.printing.pretty.pretty_symbology import greek_unicode
+
+    tokens = [match.groups() for match in _TOKEN.finditer(text)]
+
+    def one() -> str:
+        command, mark, word = tokens.pop(0)
+        if mark == "{":
+            found = several("}")
+            tokens.pop(0)
+            return found
+        if command in _MATHML_ACCENTS:
+            return f"<mover>{one()}<mo>{_MATHML_ACCENTS[command]}</mo></mover>"
+        if command in _MATHML_STYLES:
+            return one()
+        own = greek_unicode.get(command, command) if command else word or mark
+        tag = "mn" if own.isdigit() else "mi" if own.isalnum() else "mo"
+        return f"<{tag}>{html.escape(own)}</{tag}>"
+
+    def several(end: str) -> str:
+        parts: list[str] = []
+        while tokens and tokens[0][1] != end:
+            mark = tokens[0][1]
+            if mark and mark in "_^" and parts:
+                tokens.pop(0)
+                tag = "msub" if mark == "_" else "msup"
+                parts[-1] = f"<{tag}>{parts[-1]}{one()}</{tag}>"
+            elif tokens[0] == (None, None, " "):
+                tokens.pop(0)
+            else:
+                parts.append(one())
+        return parts[0] if len(parts) == 1 else f"<mrow>{''.join(parts)}</mrow>"
+
+    return several("")
 
 
 def joined(terms: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from cotree.export.spelling import (
     acceleration_name,
     joined,
     latex_subscript,
+    mathml_printer,
     printer,
     real_symbol,
     spell_multipliers,
@@ -282,6 +283,14 @@ class SymbolicEquations:
         ]
         return "\n".join([r"\begin{align}", ", \\\\\n".join(rows) + ".", r"\end{align}"])
 
+    def mathml(self, name: str | None = None) -> list[str]:
+        """Return the governing equations, or those of one sensitivity, as MathML elements."""
+        spell = mathml_printer(self.latex_names)
+        return [
+            f'<math display="block">{spell(self._terms(row, name))}<mo>=</mo><mn>0</mn></math>'
+            for row in self._equations(name)
+        ]
+
     def event_lines(self) -> list[str]:
         """Return the events as plain text, one line for each."""
         spell = printer("text", {})
@@ -314,6 +323,10 @@ class SymbolicEquations:
 
     def _line(self, equation: Any, spell: Callable[[Any], str], name: str | None) -> str:
         """Write an equation with the terms of the highest derivatives first."""
+        return f"{joined([spell(term) for term in self._terms(equation, name)])} = 0"
+
+    def _terms(self, equation: Any, name: str | None) -> list[Any]:
+        """Return the terms of an equation, those of the highest derivatives first."""
         # As in the paper, the sensitivities, unknowns of Eq. (9), precede the other variables.
         order: list[Any] = []
         n = self.n_coordinates
@@ -326,8 +339,7 @@ class SymbolicEquations:
             found = term.free_symbols
             return next((i for i, symbol in enumerate(order) if symbol in found), len(order))
 
-        terms = sorted(equation.lhs.as_ordered_terms(), key=place)
-        return f"{joined([spell(term) for term in terms])} = 0"
+        return sorted(equation.lhs.as_ordered_terms(), key=place)
 
 
 def symbolic_equations(equations: Equations) -> SymbolicEquations:
