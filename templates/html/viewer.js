@@ -1,13 +1,15 @@
 
 "use strict";
-(() => {
-  const data = JSON.parse(document.getElementById("data").textContent);
+// Show an animation in the elements of page.html.jinja or model.html.jinja. Options: the element that
+// receives keys, the colour behind the mechanism, and a function that is called with the time shown.
+const createViewer = (data, options = {}) => {
+  const keyboard = options.keyboard || document;
   const element = (name) => document.getElementById(name);
   const canvas = element("scene"), slider = element("slider");
   const gl = canvas.getContext("webgl", { antialias: true });
   if (!gl) {
     element("note").textContent = "This browser does not support WebGL, which the animation requires.";
-    return;
+    return null;
   }
 
   // Vectors, matrices by columns, quaternions with the scalar first.
@@ -32,11 +34,11 @@
     return out.map((v) => v * factor);
   };
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
-  const tracks = data.tracks.map((row) => ({
-    p: decodeDifferences(row.p, 3, data.unit), q: decodeDifferences(row.q, 4, data.turn),
+  let tracks = data.tracks.map((row) => ({
+    p: decodeDifferences(row.p || [0, 0, 0], 3, data.unit), q: decodeDifferences(row.q || [1, 0, 0, 0], 4, data.turn),
   }));
-  const centres = decodeDifferences(data.centres, 3, data.unit);
-  const last = data.frames - 1;
+  let centres = decodeDifferences(data.centres, 3, data.unit);
+  let last = data.frames - 1, growth = 1;
 
   // Interpolate a row of n numbers at the fractional frame f.
   const row = (values, n, f) => {
@@ -161,7 +163,7 @@
     const ahead = add(scale(Math.cos(eye.turn), level), scale(Math.sin(eye.turn), side));
     const z = add(scale(Math.cos(eye.raise), ahead), scale(Math.sin(eye.raise), data.up));
     const x = unit(cross(data.up, ahead)), y = cross(z, x);
-    const [right, above, depth] = data.reach;
+    const [right, above, depth] = data.reach.map((v) => growth * v);
     const slope = Math.tan((13 * Math.PI) / 180);
     const fit = data.margin * (Math.max(above, right / aspect) || 1);
     const distance = (data.flat ? 20 * Math.max(fit, right, depth) : fit / slope + depth) / (data.flat ? 1 : eye.zoom);
@@ -215,7 +217,7 @@
     const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     gl.viewport(0, 0, width, height);
-    gl.clearColor(250 / 255, 250 / 255, 248 / 255, 1);
+    gl.clearColor(...(options.background ? options.background() : [250 / 255, 250 / 255, 248 / 255]), 1);
     gl.enable(gl.DEPTH_TEST);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     const f = state.frame, c = camera(f), view = viewOf(c), poses = tracks.map((t) => poseAt(t, f));
@@ -247,6 +249,7 @@
     }
     if (state.names) showNames(c, view, poses);
     slider.value = f;
+    if (options.onTime) options.onTime(timeAt(f));
     element("time").textContent = `${timeAt(f).toFixed(digits)} / ${timeAt(last).toFixed(digits)} s`;
   };
 
@@ -314,7 +317,7 @@
   element("reset").addEventListener("click", reset);
   element("speed").addEventListener("change", () => changeSpeed(0));
   slider.addEventListener("input", () => seek(Number(slider.value)));
-  document.addEventListener("keydown", (event) => {
+  keyboard.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const isControl = ["BUTTON", "SELECT"].includes(event.target.tagName);
     const actions = {
@@ -365,5 +368,23 @@
   }, { passive: false });
   canvas.addEventListener("dblclick", reset);
   window.addEventListener("resize", ask);
-  play(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
-})();
+  if (options.isStill) ask();
+  else play(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
+  // Replace the motion: positions and quaternions of the tracks, evenly spaced times, and the size
+  // of the mechanism relative to the size for which the camera was placed.
+  const setMotion = (poses, middle, times, size) => {
+    growth = size;
+    const share = last > 0 ? state.frame / last : 0;
+    tracks = poses;
+    centres = middle;
+    last = times.length - 1;
+    data.start = times[0];
+    data.step = last > 0 ? (times[last] - times[0]) / last : 0;
+    data.pause = data.duration / Math.max(1, last);
+    slider.max = last;
+    state.frame = share * last;
+    ask();
+  };
+  const seekTime = (t) => seek(data.step ? (t - data.start) / data.step : 0);
+  return { setMotion, seekTime, redraw: ask, isPlaying: () => state.isPlaying };
+};

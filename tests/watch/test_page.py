@@ -193,9 +193,11 @@ def test_viewer_puts_bodies_where_they_are(which, request, tmp_path):
     drawing = request.getfixturevalue(which).drawing
     data = page_data(drawing)
     (tmp_path / "stub.js").write_text(STUB)
+    script = [(TEMPLATES / name).read_text() for name in ("viewer.js", "animation.js")]
+    (tmp_path / "script.js").write_text("".join(script))
     (tmp_path / "data.json").write_text(json.dumps(data))
     frame = len(drawing.frames.times) // 2
-    files = [tmp_path / "stub.js", TEMPLATES / "viewer.js", tmp_path / "data.json"]
+    files = [tmp_path / name for name in ("stub.js", "script.js", "data.json")]
     done = subprocess.run(
         ["node", *map(str, files), str(frame)],
         capture_output=True,

@@ -72,8 +72,12 @@ def page(drawing: Drawing) -> str:
     from markupsafe import Markup
 
     folder = template_folder() / "html"
-    style, script = ((folder / f"viewer.{s}").read_text(encoding="utf-8") for s in ("css", "js"))
-    policy = f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}"
+    style, viewer, start = (
+        (folder / name).read_text(encoding="utf-8")
+        for name in ("viewer.css", "viewer.js", "animation.js")
+    )
+    script = viewer + start
+    policy = f"default-src 'none'; script-src {hashed(script)}; style-src {hashed(style)}"
     context = PageContext(
         title=drawing.title,
         note=drawing.note,
@@ -220,7 +224,8 @@ def _base64(values: npt.NDArray[Any]) -> str:
     return base64.b64encode(values.tobytes()).decode("ascii")
 
 
-def _hash(text: str) -> str:
+def hashed(text: str) -> str:
+    """Return the source of a text in a content security policy."""
     digest = hashlib.sha256(text.encode("utf-8")).digest()
     return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
 

@@ -1,0 +1,1 @@
+createViewer(JSON.parse(document.getElementById("data").textContent));
