@@ -62,6 +62,10 @@ _OF_START = (
 )
 
 
+# Maximum number of steps between two events in a page, which does not respond while it runs.
+_PAGE_STEPS = 100_000
+
+
 @dataclass(frozen=True)
 class MainContext:
     """The variables of the main program's template."""
@@ -92,6 +96,7 @@ class MainContext:
     #: For each parameter, 1 if constants in the C text depend on it, else 0; empty if all are 0.
     held: list[str]
     most_steps: int  # maximum number of steps between two events
+    is_page: bool  # whether the program is run by a page instead of a command line
 
     def conditions(self) -> dict[str, bool]:
         """Return the value of each macro in the preprocessor conditions of the main program."""
@@ -106,6 +111,7 @@ class MainContext:
             "GUESS": bool(self.guess),
             "HELD": bool(self.held),
             "METHODS": len(self.methods) > 1,
+            "PAGE": self.is_page,
             "PARAMETERS": bool(layout.parameters),
             "RTOL": self.has_rtol,
             "START": bool(self.start),
@@ -129,6 +135,7 @@ def main_context(
     step: float | None,
     is_strict: bool,
     is_found: bool,
+    is_page: bool,
 ) -> MainContext:
     """Build the template variables of the main program; ``methods`` begin with the default one.
 
@@ -166,7 +173,8 @@ def main_context(
         is_extended=has_explicit and program.traits.can_extend(layout) and not layout.events,
         sizes=_lines(sizes, target),
         held=wrapped(str(int(i in held)) for i in range(len(places))) if held else [],
-        most_steps=MOST_STEPS,
+        most_steps=_PAGE_STEPS if is_page else MOST_STEPS,
+        is_page=is_page,
     )
 
 
@@ -257,6 +265,7 @@ class Kit:
     has_wrapper: bool = False  # whether a C++ header is written
     #: Whether to write one header and one source without build files.
     is_single: bool = False
+    is_page: bool = False  # whether the program is run by a page instead of a command line
 
     def methods(self) -> list[str]:
         """Return the names of the methods to compile."""
@@ -284,6 +293,73 @@ def write_project_of(
         return write_c_project(
             own.program, directory, kit, **numbers, step=step, start=start, evaluated=own
         )
+
+
+def project_texts(
+    program: Program,
+    kit: Kit,
+    numbers: Mapping[str, float],
+    step: float | None = None,
+    start: Start | None = None,
+    evaluated: Evaluated | None = None,
+) -> tuple[Program, ModelContext, MainContext, dict[str, str]]:
+    """Return the C files of a project by name, the program under its prefix, and their contexts.
+
+    ``numbers`` are ``t_end``, ``rtol`` and ``atol``; see :func:`write_c_project`.
+    """
+    t_end, rtol, atol = (numbers[name] for name in ("t_end", "rtol", "atol"))
+    methods, target = kit.methods(), kit.target()
+    check_known(methods, METHODS, "there is no integrator", error=CodegenError)
+    check_methods(methods)
+    check_numbers(t_end, rtol, atol)
+    check_step(program, methods[0], step)
+    if kit.prefix:
+        named = check_prefix(kit.prefix)
+        program = replace(program, layout=replace(program.layout, name=named))
+    check_range(program, target)
+    model = model_context(program, target)
+    evaluated = evaluated or Evaluated(program)
+    is_dependent = evaluated.is_dependent()
+    implicit = [name for name in methods if METHODS[name].is_implicit]
+    if implicit:
+        check_loops(program, implicit[0], is_dependent)
+    found = evaluated.found_start() if start is None else start
+    if found is not None and found.on_jump:
+        raise SolveError(found.on_jump)
+    if target is not DOUBLE and rtol < _LEAST_RTOL:  # increase both by the same factor
+        rtol, atol = _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
+    sizes = [] if found is None else evaluated.sizes(found)
+    main = main_context(
+        program,
+        model,
+        methods,
+        found,
+        sizes,
+        t_end=t_end,
+        rtol=rtol,
+        atol=atol,
+        step=step,
+        is_strict=is_dependent,
+        # C can also find this start, unless Python mended it or added a note.
+        is_found=found is not None and start is None and not (found.is_mended or found.note),
+        is_page=kit.is_page,
+    )
+    features = replace(
+        model.features(),
+        implicit=bool(implicit),
+        moving_breakpoints=bool(main.time_events and model.layout.sensitivities)
+        and methods[0] not in FIXED,
+    )
+    texts = dict(render_model(model, features))
+    if implicit:
+        texts |= render_newton(newton_context(program, target), features)
+    for name in methods:
+        texts |= method_files(name, target)
+        # Fixed-step methods have no breakpoints, output points or events, so they need no job.
+        texts |= {} if name in FIXED else stepper_files(name, target)
+    text = render("c/main/main.c.jinja", target, main=main)
+    texts["main.c"] = resolve(text, main.conditions())
+    return program, model, main, project_files(texts, target, features)
 
 
 def write_c_project(
@@ -326,57 +402,8 @@ def write_c_project(
         If a method, the prefix or the number type is invalid, or a file cannot be written.
     """
     kit = Kit(kit) if isinstance(kit, str) else kit
-    methods, target = kit.methods(), kit.target()
-    check_known(methods, METHODS, "there is no integrator", error=CodegenError)
-    check_methods(methods)
-    check_numbers(t_end, rtol, atol)
-    check_step(program, methods[0], step)
-    if kit.prefix:
-        named = check_prefix(kit.prefix)
-        program = replace(program, layout=replace(program.layout, name=named))
-    check_range(program, target)
-    model = model_context(program, target)
-    evaluated = evaluated or Evaluated(program)
-    is_dependent = evaluated.is_dependent()
-    implicit = [name for name in methods if METHODS[name].is_implicit]
-    if implicit:
-        check_loops(program, implicit[0], is_dependent)
-    found = evaluated.found_start() if start is None else start
-    if found is not None and found.on_jump:
-        raise SolveError(found.on_jump)
-    if target is not DOUBLE and rtol < _LEAST_RTOL:  # increase both by the same factor
-        rtol, atol = _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
-    sizes = [] if found is None else evaluated.sizes(found)
-    main = main_context(
-        program,
-        model,
-        methods,
-        found,
-        sizes,
-        t_end=t_end,
-        rtol=rtol,
-        atol=atol,
-        step=step,
-        is_strict=is_dependent,
-        # C can also find this start, unless Python mended it or added a note.
-        is_found=found is not None and start is None and not (found.is_mended or found.note),
-    )
-    features = replace(
-        model.features(),
-        implicit=bool(implicit),
-        moving_breakpoints=bool(main.time_events and model.layout.sensitivities)
-        and methods[0] not in FIXED,
-    )
-    texts = dict(render_model(model, features))
-    if implicit:
-        texts |= render_newton(newton_context(program, target), features)
-    for name in methods:
-        texts |= method_files(name, target)
-        # Fixed-step methods have no breakpoints, output points or events, so they need no job.
-        texts |= {} if name in FIXED else stepper_files(name, target)
-    text = render("c/main/main.c.jinja", target, main=main)
-    texts["main.c"] = resolve(text, main.conditions())
-    texts = project_files(texts, target, features)
+    numbers = {"t_end": t_end, "rtol": rtol, "atol": atol}
+    program, model, _, texts = project_texts(program, kit, numbers, step, start, evaluated)
     # In a single file, the model precedes the runtime.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
     sources.sort(key=lambda name: name.startswith("cotree_"))

@@ -3,7 +3,7 @@ static cotree_job job; /* static, so that it is initially zero */
 #define RECORD COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES)
 #endif
 
-#if COTREE_MAIN_EVENTS
+#if COTREE_MAIN_EVENTS && !COTREE_MAIN_PAGE
 /* Print the times of events, with their sensitivities. */
 static void print_events(void)
 {
@@ -26,6 +26,24 @@ static void print_events(void)
 #endif
         ++counts[event];
     }
+    job.n_records = 0;
+}
+
+#endif
+#if COTREE_MAIN_EVENTS && COTREE_MAIN_PAGE
+/* Append the time, the index and the sensitivities of each event to the results of the page. */
+static void keep_events(void)
+{
+    const size_t width = 2 + N_SENSITIVITIES, n = (size_t)(results.n_events + job.n_records);
+    cotree_real *const events =
+        (cotree_real *)realloc(results.events, LENGTH(n) * width * sizeof(cotree_real));
+    int i;
+    for (i = 0; events != NULL && i < job.n_records; ++i) {
+        memcpy(events + (size_t)results.n_events * width, job.records + i * RECORD,
+               width * sizeof(cotree_real));
+        ++results.n_events;
+    }
+    if (events != NULL) results.events = events;
     job.n_records = 0;
 }
 
@@ -102,7 +120,10 @@ static int integrate(cotree_real t_end)
             job.status = COTREE_TOO_MANY_STEPS;
             result = COTREE_JOB_FAILED;
         }
-#if COTREE_MAIN_EVENTS
+#if COTREE_MAIN_EVENTS && COTREE_MAIN_PAGE
+        keep_events();
+#endif
+#if COTREE_MAIN_EVENTS && !COTREE_MAIN_PAGE
         print_events();
 #endif
     }
@@ -131,37 +152,13 @@ static int want_points(long n, cotree_real t_end)
     return 0;
 }
 
-static int print_rows(void)
-{
-    int i;
-    print_head();
-    for (i = 0; i < job.n_kept; ++i) {
-        const cotree_real *const z = job.values + (size_t)i * N_UNKNOWNS;
-        if (print_row(job.times[i], z) != 0) return EXIT_FAILURE;
-    }
-    return fflush(out) == 0 ? 0 : fail("the results cannot be written");
-}
-
-int main(int argc, char **argv)
+/* Set the model, the method and the tolerances of the job. */
+static void set_job(void)
 {
     static cotree_real atols[LENGTH(N_UNKNOWNS)];
 #if COTREE_MAIN_EVENTS
     static cotree_real records[COTREE_EVENTS_AT_ONCE(N_EVENTS) * RECORD];
 #endif
-    int has_failed = 0;
-    const int refused = read_arguments(argc, argv);
-    const cotree_real t_end = request.t_end;
-    const long n_points = request.n_points;
-    if (refused >= 0) return refused;
-    if (n_points > 0 && t_end == COTREE_F(0.0)) {
-        return refuse("--points", "points need an end time other than 0");
-    }
-#if COTREE_MAIN_EVENTS
-    if (t_end < COTREE_F(0.0)) return refuse("--t-end", "events are located in forward time only");
-#endif
-    if (begin() != 0) return EXIT_FAILURE;
-    out = request.csv == NULL ? stdout : fopen(request.csv, "w");
-    if (out == NULL) return refuse(request.csv, "the file cannot be written");
     job.model = MODEL;
     job.p = problem.p;
     job.k = problem.k;
@@ -190,22 +187,4 @@ int main(int argc, char **argv)
     job.records = records;
     job.most_records = COTREE_EVENTS_AT_ONCE(N_EVENTS);
 #endif
-    if (n_points > 0 && want_points(n_points, t_end) != 0) return EXIT_FAILURE;
-    if (t_end != COTREE_F(0.0)) has_failed = integrate(t_end);
-#if COTREE_MAIN_EXPLICIT
-    if (job.n_stiff_steps > COTREE_MOST_STIFF_STEPS) {
-        fprintf(stderr,
-                "%s: the problem is stiff from t = %.6g on: rodas5 may take far fewer "
-                "steps.\n",
-                TITLE, job.stiff_since);
-    }
-#endif
-    /* After a failure, the rows up to the last point are printed. */
-    if (n_points > 0 && print_rows() != 0) return EXIT_FAILURE;
-    if (has_failed) return EXIT_FAILURE;
-    if (n_points > 0) return EXIT_SUCCESS;
-#if COTREE_MAIN_EVENTS
-    fprintf(out, "t = %#.12g\n", job.t);
-#endif
-    return print_state(job.t, problem.z) == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
 }
