@@ -28,6 +28,7 @@ from cotree.cli.options import (
     path_option,
     plot_option,
     print_error,
+    read_pairs,
     read_robots_with,
     read_scene,
     read_tolerances,
@@ -39,7 +40,7 @@ from cotree.cli.options import (
     warnings_in_one_line,
     write_file,
 )
-from cotree.errors import Error, SceneError
+from cotree.errors import Error, FormulationError, SceneError
 from cotree.methods import names_of
 from cotree.report import Report, Values
 from cotree.version import VERSION
@@ -302,9 +303,8 @@ _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
 
 @app.command("export")
 @scene_argument
-@path_option(
-    "--output", "-o", required=True, metavar="FILE", help="File to write; its name ends in .fmu."
-)
+@path_option("--output", "-o", metavar="FILE", help="FMU to write; its name ends in .fmu.")
+@path_option("--web", metavar="FILE", help="Interactive page to write; its name ends in .html.")
 @sensitivity_option
 @tree_option
 @click.option("--version", type=int, default=3, help="Version of the FMI standard: 3 or 2.")
@@ -330,9 +330,15 @@ _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
     "x86_64-darwin, aarch64-darwin, or none for sources only; may be repeated. Default: this "
     "machine.",
 )
+@repeated_option(
+    "--range",
+    metavar="NAME=LOW:HIGH",
+    help="Range of a slider of the page; may be repeated. Default: from zero to twice the value.",
+)
 def export_scene(
     scene: str,
-    output: Path,
+    output: Path | None,
+    web: Path | None,
     sensitivity: Sequence[str],
     tree: TreeChoice,
     version: int,
@@ -340,8 +346,19 @@ def export_scene(
     integrator: str | None,
     outside: Sequence[str],
     platform: Sequence[str],
+    range: Sequence[str],
 ) -> None:
-    """Write a scene as an FMU for other simulators."""
+    """Write a scene as an FMU for other simulators, or as an interactive page.
+
+    The page needs no network. Unless sensitivities are named, it predicts changes of the first
+    parameters.
+    """
+    if (output is None) == (web is None):
+        raise click.UsageError("give --output FILE for an FMU, or --web FILE for a page")
+    if web is not None:
+        write_web(read_scene(scene), web, sensitivity, tree, range)
+        return
+    assert output is not None
     if output.suffix.lower() != ".fmu":
         raise SceneError(f"cannot write '{output}': the name of an FMU ends in .fmu")
     check_folder(output)
@@ -353,6 +370,40 @@ def export_scene(
     )
     where = ", ".join(unit.platforms) or "no platform (sources only)"
     click.echo(f"wrote {unit.path}: FMI {unit.version}, {' and '.join(unit.kinds)}, for {where}")
+
+
+# Number of parameters to which a page has sensitivities by default.
+_PREDICTED = 8
+
+
+def write_web(
+    scene: Scene,
+    path: Path,
+    sensitivities: Sequence[str],
+    tree: TreeChoice,
+    ranges: Sequence[str],
+) -> None:
+    """Write the page of a scene; see :func:`cotree.web.export_web`."""
+    from cotree.web import export_web
+    from cotree.web.wasm import check_zig
+
+    check_zig()
+    check_folder(path)
+    intervals = {}
+    if ranges:
+        from cotree.cli.fitting import read_range
+
+        pairs = read_pairs("--range", ranges)
+        intervals = {n: read_range("--range", n, text, "L=0.5:2") for n, text in pairs.items()}
+    names = [row.name for row in scene.parameters.values() if row.is_argument][:_PREDICTED]
+    try:
+        model = scene.compile(sensitivities or names, tree)
+    except FormulationError as error:
+        if sensitivities:
+            raise
+        click.echo(f"cotree: the page has no sensitivities: {error}", err=True)
+        model = scene.compile((), tree)
+    click.echo(f"wrote {export_web(model, path, ranges=intervals)}")
 
 
 #: Error numbers of a full output device: disk full, quota exceeded, file too large, I/O error.

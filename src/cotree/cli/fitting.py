@@ -182,13 +182,14 @@ def _ranges(texts: Sequence[str]) -> dict[str, Any]:
         name, equals, bounds = (part.strip() for part in text.partition("="))
         if name in found:
             raise ParameterError(f"--estimate names '{brief(name)}' twice: name it once")
-        found[name] = _range("--estimate", name, bounds, "R=10:100:log") if equals else None
+        found[name] = read_range("--estimate", name, bounds, "R=10:100:log") if equals else None
     if not found:
         raise ParameterError("a fit needs something to estimate: give --estimate k=10:100:log")
     return found
 
 
-def _range(option: str, name: str, text: str, example: str) -> tuple[Any, ...]:
+def read_range(option: str, name: str, text: str, example: str) -> tuple[Any, ...]:
+    """Parse a range ``low:high`` or ``low:high:scale`` of a parameter."""
     try:
         low, high, *scale = text.split(":")
         if len(scale) < 2:
@@ -275,7 +276,7 @@ def optimise_scene(
     check_picture(plot)
     described = read_scene(scene, settings)
     pairs = read_pairs("--over", over).items()
-    ranges = {name: _range("--over", name, text, "L=0.5:2") for name, text in pairs}
+    ranges = {name: read_range("--over", name, text, "L=0.5:2") for name, text in pairs}
     values, initial = settings.pop("parameters"), settings.pop("initial")
     method = settings.pop("method", None)
     found = optimise(

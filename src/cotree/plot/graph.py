@@ -294,11 +294,11 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         ]
         if node == graph.reference:
             # A ground symbol points down, up, left or right.
-            away = _freest(directions, 4)
+            away = freest(directions, 4)
             _draw_ground(ax, position, away)
             place = position + (0.42 if away[0] == 0 else 0.5) * away
         else:
-            away = _freest(directions, 16)
+            away = freest(directions, 16)
             place = position + _LABEL_DISTANCE * away
         ax.add_patch(Circle(tuple(position), _DOT, fc="black", ec="white", lw=0.8, zorder=4))
         _write(ax, place, node, fontsize=11, zorder=5)
@@ -322,7 +322,7 @@ def _draw_curve(ax: Axes, curve: Curve, **style: Any) -> None:
     ax.add_patch(PathPatch(Outline(curve.points, codes), fill=False, **style))
 
 
-def _freest(directions: Sequence[Array], n: int) -> Array:
+def freest(directions: Sequence[Array], n: int) -> Array:
     """Return the direction, out of `n`, that is farthest from all edges; the first is down."""
     angles = -np.pi / 2 + 2 * np.pi / n * np.arange(n)
     # Rounding makes equivalent directions equal, so that the first one is chosen.

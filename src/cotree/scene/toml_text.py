@@ -38,10 +38,15 @@ def save_scene(scene: SceneDescription, path: Path) -> None:
     """Write a scene to a file, either completely or not at all; see :func:`scene_text`."""
     if path.suffix.lower() != ".toml":
         raise SceneError(f"cannot save a scene as '{path}': name a file that ends in .toml")
-    text = scene_text(scene)
-    text = _kept_text(scene, text) or text
+    text = kept_scene_text(scene)
     with atomic_write(path, "the scene") as draft:
         draft.write_text(text, encoding="utf-8", newline="\n")
+
+
+def kept_scene_text(scene: SceneDescription) -> str:
+    """Return a scene as TOML text, if possible with the comments of its file."""
+    text = scene_text(scene)
+    return _kept_text(scene, text) or text
 
 
 def _kept_text(scene: SceneDescription, text: str) -> str:
