@@ -295,7 +295,7 @@ static void set_mode(cotree_events *e, cotree_row *changed, cotree_real mode)
 }
 
 /* Save the modes of the trial, or restore them. */
-static void save_modes(cotree_events *e)
+void cotree_save_modes(cotree_events *e)
 {
     cotree_row *row;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
@@ -304,7 +304,7 @@ static void save_modes(cotree_events *e)
     }
 }
 
-static void restore_modes(cotree_events *e)
+void cotree_restore_modes(cotree_events *e)
 {
     cotree_row *row;
     for (row = e->rows; row < END_OF_ROWS; ++row) {
@@ -560,7 +560,7 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
         if (evaluate_modes(e, t, w) != 0) {
             /* The trial was singular (the forces are not unique): discard this mode set. */
             if (changed != NULL)
-                restore_modes(e);
+                cotree_restore_modes(e);
             else if (!set_stops(e, 0))
                 is_singular = 1;
             if (is_singular && !e->is_impact) return fail_indeterminate(e, t);
@@ -575,7 +575,7 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
         if (!find_pivot(e, t, &changed, &to_mode)) return COTREE_EVENTS_FOUND;
         if (changed == NULL) changed = find_untried_row(e, &to_mode);
         if (changed == NULL) break;
-        save_modes(e);
+        cotree_save_modes(e);
 #if COTREE_HAS_DISCS
         if (cotree_is_disc(changed) && to_mode == COTREE_F(1.0) &&
             cotree_begin_sliding(e, changed, t) != 0)
@@ -620,11 +620,11 @@ static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
     cotree_row *row;
     for (row = FIRST_STOP; row < END_OF_ROWS; ++row) {
         if (!row->is_active) continue;
-        save_modes(e);
+        cotree_save_modes(e);
         change_mode(e, row, row->mode == COTREE_F(0.0) ? row->side : COTREE_F(0.0));
         if (are_consistent(e, t, w) && is_resolved(e, row))
             return cotree_fail(e, row->event, t, COTREE_EVENTS_NOT_UNIQUE);
-        restore_modes(e);
+        cotree_restore_modes(e);
     }
     return cotree_evaluate_motion(e, t, w);
 }

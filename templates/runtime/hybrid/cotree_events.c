@@ -106,7 +106,9 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
 /* Evaluate the event functions, and update their scales. */
 static int evaluate(cotree_events *e, cotree_real t, const cotree_real *w)
 {
-    const int status = cotree_compute_values(e, t, w);
+    int status;
+    cotree_jumps_forget(&e->jumps);
+    status = cotree_compute_values(e, t, w);
     cotree_copy(e->n_events, e->jumps.values, e->g);
     return status == 0 ? cotree_update_scales(e, t, w, e->g) : status;
 }
@@ -172,7 +174,9 @@ int cotree_events_continue(cotree_events *e, cotree_real t, cotree_real *w)
 int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w)
 {
 #if COTREE_HAS_MODES
-    int k, status = cotree_compute_values(e, t, w);
+    int k, status;
+    cotree_jumps_forget(&e->jumps);
+    status = cotree_compute_values(e, t, w);
     for (k = 0; k < e->n_events && e->n_rows > 0 && status == 0; ++k) {
         if (cotree_is_gap(e, k) || e->events[k].kind == COTREE_FRICTION_SLIP)
             e->is_stepped_over[k] =
@@ -498,6 +502,7 @@ int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real
 {
     cotree_real error = COTREE_F(0.0);
     int status;
+    cotree_jumps_forget(&e->jumps);
     e->t_before = t_before;
     e->t_after = t_after;
     e->start = reduced_point(e, t_before, start, e->narrowed);

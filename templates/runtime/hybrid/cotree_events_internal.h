@@ -255,6 +255,8 @@ COTREE_PRIVATE int cotree_rotate_directions(cotree_events *e, int round);
 
 /* Defined in cotree_complementarity.c: */
 COTREE_PRIVATE cotree_real cotree_largest_stop_force(const cotree_events *e);
+COTREE_PRIVATE void cotree_save_modes(cotree_events *e);
+COTREE_PRIVATE void cotree_restore_modes(cotree_events *e);
 COTREE_PRIVATE int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_select_modes(cotree_events *e, cotree_real t, const cotree_real *w);

@@ -1,6 +1,8 @@
 /* cotree_jumps.c: evaluation of event functions, and of states and sensitivities after events. */
 #include "cotree_jumps.h"
 
+#include <string.h>
+
 #define MODEL (j->run->model)
 #define N_STATES (j->run->model->n_states)
 #define N_EVENTS (j->hybrid->n_events)
@@ -35,6 +37,8 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
     const cotree_model *const model = run->model;
     const cotree_hybrid *const h = model->hybrid;
     const int n = model->n_states, m = run->n_blocks - 1, n_values = h->n_events + h->n_jumps;
+    const int n_functions = h->n_events + h->n_branches + h->n_quantities;
+    int i;
 #if COTREE_HAS_CONSTRAINTS
     const cotree_assembly_tables constraints = {.n_coordinates = h->n_coordinates,
                                                 .n_speeds = h->n_speeds,
@@ -46,12 +50,20 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
 #endif
     j->run = run;
     j->hybrid = h;
-    j->values = cotree_arena_reals(arena, h->n_events + h->n_branches + h->n_quantities);
-    j->rates = cotree_arena_reals(arena, n_values + model->n_algebraic);
+    j->values = j->other_values = cotree_arena_reals(arena, n_functions);
+    for (i = 0; i < COTREE_RECENT; ++i) {
+        j->recent[i].values = cotree_arena_reals(arena, n_functions);
+        j->recent[i].rates = cotree_arena_reals(arena, n_values + model->n_algebraic);
+        j->recent[i].state_rates = cotree_arena_reals(arena, n);
+        j->recent[i].point = cotree_arena_reals(arena, n + model->n_inputs + h->n_branches);
+    }
+    j->rates = j->recent[0].rates;
+    j->state_rates = j->recent[0].state_rates;
+    cotree_jumps_forget(j);
     j->before = cotree_arena_reals(arena, run->n_full);
     j->after = cotree_arena_reals(arena, run->n_full);
     j->time_sensitivity = cotree_arena_reals(arena, m);
-    j->state_rates = cotree_arena_reals(arena, n);
+    j->jump_rates = cotree_arena_reals(arena, n);
     j->value_slopes = cotree_arena_reals(arena, m * n_values);
     j->new_values = cotree_arena_reals(arena, h->n_jumps);
     if (has_impulses(h)) {
@@ -76,12 +88,69 @@ static int complete_point(cotree_run *run, cotree_real *t, const cotree_real *w)
     return status != 0 ? status : cotree_run_inputs(run, *t);
 }
 
+void cotree_jumps_forget(cotree_jumps *j) { j->n_recent = j->oldest = 0; }
+
+/* Return the branches of table lookups that are frozen in the prepared values. */
+static const cotree_real *frozen_branches(const cotree_jumps *j)
+{
+    return j->run->k + MODEL->n_prepared - j->hybrid->n_branches;
+}
+
+/* Return whether n numbers are the same, including the signs of zeros. */
+static int are_same(int n, const cotree_real *a, const cotree_real *b)
+{
+    return n == 0 || memcmp(a, b, (size_t)n * sizeof(cotree_real)) == 0;
+}
+
+/* Return whether a point of an evaluation is x, with the current inputs and branches. */
+static int is_at(const cotree_jumps *j, const cotree_real *point, const cotree_real *x)
+{
+    const int n = N_STATES, n_inputs = MODEL->n_inputs;
+    return are_same(n, x, point) && are_same(n_inputs, j->run->u, point + n) &&
+           are_same(j->hybrid->n_branches, frozen_branches(j), point + n + n_inputs);
+}
+
+/* Return the recent evaluation at a complete point with the current inputs, or NULL. Inline, since
+ * there is none in most calls. */
+static inline cotree_evaluation *find_evaluation(cotree_jumps *j, cotree_real t,
+                                                 const cotree_real *x)
+{
+    int i;
+    for (i = 0; i < j->n_recent; ++i) {
+        if (t == j->recent[i].t && is_at(j, j->recent[i].point, x)) return j->recent + i;
+    }
+    return NULL;
+}
+
+/* Replace the oldest evaluation by one at a complete point, without results. */
+static cotree_evaluation *begin_evaluation(cotree_jumps *j, cotree_real t, const cotree_real *x)
+{
+    const int n = N_STATES, n_inputs = MODEL->n_inputs;
+    cotree_evaluation *const made = j->recent + j->oldest;
+    int i;
+    j->oldest = (j->oldest + 1) % COTREE_RECENT;
+    if (j->n_recent < COTREE_RECENT) ++j->n_recent;
+    made->has_values = made->has_rates = 0;
+    made->t = t;
+    for (i = 0; i < n; ++i) made->point[i] = x[i];
+    for (i = 0; i < n_inputs; ++i) made->point[n + i] = j->run->u[i];
+    for (i = 0; i < j->hybrid->n_branches; ++i)
+        made->point[n + n_inputs + i] = frozen_branches(j)[i];
+    return made;
+}
+
 int cotree_jumps_values(cotree_jumps *j, cotree_real t, const cotree_real *w)
 {
     cotree_run *const run = j->run;
-    const int status = complete_point(run, &t, w);
+    cotree_evaluation *found;
+    int status = complete_point(run, &t, w);
     if (status != 0) return status;
-    return MODEL->events(t, run->full, run->u, run->p, run->k, j->values);
+    found = find_evaluation(j, t, run->full);
+    j->values = found == NULL ? j->other_values : found->values;
+    if (found != NULL && found->has_values) return 0;
+    status = MODEL->events(t, run->full, run->u, run->p, run->k, j->values);
+    if (found != NULL) found->has_values = status == 0;
+    return status;
 }
 
 int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box, cotree_real *ranges)
@@ -90,13 +159,12 @@ int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box, 
     return MODEL->event_ranges(t, run->full, box, run->u, run->p, run->k, ranges);
 }
 
-/* Compute state_rates (of all states) and rates at a complete point. */
-static int compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x)
+/* Evaluate the rates of all states and event functions at a complete point. */
+static int evaluate_rates(cotree_jumps *j, cotree_real t, const cotree_real *x)
 {
     cotree_run *const run = j->run;
     const int n_rated = run->n_rates;
-    int i, status = cotree_run_inputs(run, t);
-    if (status == 0) status = MODEL->rhs(t, x, run->u, run->p, run->k, j->state_rates);
+    int i, status = MODEL->rhs(t, x, run->u, run->p, run->k, j->state_rates);
     if (status != 0) return status;
     for (i = n_rated; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
     status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
@@ -107,6 +175,22 @@ static int compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x
     if (status != 0) return status;
     status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
 #endif
+    return status;
+}
+
+/* Compute state_rates (of all states) and rates at a complete point. */
+static int compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x)
+{
+    cotree_evaluation *evaluation;
+    int status = cotree_run_inputs(j->run, t);
+    if (status != 0) return status;
+    evaluation = find_evaluation(j, t, x);
+    if (evaluation == NULL) evaluation = begin_evaluation(j, t, x);
+    j->rates = evaluation->rates;
+    j->state_rates = evaluation->state_rates;
+    if (evaluation->has_rates) return 0;
+    status = evaluate_rates(j, t, x);
+    evaluation->has_rates = status == 0;
     return status;
 }
 
@@ -135,7 +219,7 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
 #endif
 
 /* Complete the states and sensitivities after an event that has set its targets: project them and
- * add (R_x f- + R_t - f+) t_p. state_rates is R_x f- + R_t. */
+ * add (R_x f- + R_t - f+) t_p. */
 static int complete_event(cotree_jumps *j, const cotree_event *row, cotree_real t, cotree_real *w)
 {
     cotree_run *const run = j->run;
@@ -165,7 +249,7 @@ static int complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
     if (status != 0) return status;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
         cotree_real *const block = s + n * N_STATES;
-        for (i = 0; i < run->n_rates; ++i) block[i] += t_p[n] * (j->state_rates[i] - run->full[i]);
+        for (i = 0; i < run->n_rates; ++i) block[i] += t_p[n] * (j->jump_rates[i] - run->full[i]);
         for (; i < N_STATES; ++i) block[i] = COTREE_F(0.0);
     }
 #if COTREE_HAS_CONSTRAINTS
@@ -227,13 +311,16 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
     return status == 0 ? cotree_jumps_state_rates(j, t, x, other) : status;
 }
 
-/* Evaluate the states and the rates before an event. */
+/* Evaluate the states before an event and, for sensitivities, the rates before it. */
 static int find_before(cotree_jumps *j, cotree_real t, const cotree_real *w)
 {
     const cotree_run *const run = j->run;
     int i, status = cotree_run_find(j->run, t, w);
     for (i = 0; i < run->n_full; ++i) j->before[i] = j->after[i] = run->full[i];
-    return status == 0 ? compute_rates_at(j, t, j->before) : status;
+    if (status != 0 || N_SENSITIVITIES == 0) return status;
+    status = compute_rates_at(j, t, j->before);
+    for (i = 0; i < N_STATES; ++i) j->jump_rates[i] = j->state_rates[i];
+    return status;
 }
 
 /* As find_before, with the derivatives of the event functions. */
@@ -334,7 +421,8 @@ int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w
     for (i = 0; i < row->n_targets; ++i) {
         const int target = row->targets[i];
         j->after[target] = j->new_values[first + i];
-        j->state_rates[target] = j->rates[N_EVENTS + first + i];
+        if (N_SENSITIVITIES == 0) continue;
+        j->jump_rates[target] = j->rates[N_EVENTS + first + i];
         for (n = 0; n < N_SENSITIVITIES; ++n) {
             j->after[(1 + n) * N_STATES + target] =
                 j->value_slopes[n * n_values + N_EVENTS + first + i];
@@ -417,6 +505,7 @@ static int evaluate_response(cotree_jumps *j, cotree_real t, const cotree_real *
     status = cotree_run_packed_rate(run, t, j->w_work, j->packed);
     if (status != 0) return status;
     cotree_run_unpack(run, j->packed, rates);
+    j->values = j->other_values;
     status = MODEL->events(t, run->full, run->u, run->p, run->k, j->values);
     for (i = 0; i < N_EVENTS; ++i) forces[i] = j->values[i];
     if (status != 0 || N_SENSITIVITIES == 0) return status;
@@ -512,11 +601,11 @@ int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_row *rows, int n_ro
     if (status != 0) return status;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
         cotree_real *const block = j->after + (1 + n) * N_STATES;
-        for (i = 0; i < run->n_rates; ++i) block[i] += j->time_sensitivity[n] * j->state_rates[i];
+        for (i = 0; i < run->n_rates; ++i) block[i] += j->time_sensitivity[n] * j->jump_rates[i];
     }
     status = compute_impact(j, rows, n_rows, is_residual, t);
     /* The sensitivities already include the rates before the impact. */
-    for (i = 0; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
+    for (i = 0; i < N_STATES; ++i) j->jump_rates[i] = COTREE_F(0.0);
     return status == 0 ? complete_event(j, &no_event, t, w) : status;
 }
 

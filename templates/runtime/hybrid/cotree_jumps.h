@@ -23,15 +23,31 @@ COTREE_BEGIN_DECLS
 #define COTREE_JUMPS_CONTRADICT 100      /* the new values violate the constraints */
 #define COTREE_JUMPS_UNDERDETERMINED 101 /* the projection is not unique: no sensitivities */
 
+/* Event functions and rates at one point. The mode selection and the application of an event
+ * evaluate some points several times. */
+typedef struct cotree_evaluation {
+    int has_values, has_rates;
+    cotree_real t;
+    cotree_real *point; /* states, inputs and frozen branches */
+    cotree_real *values, *rates, *state_rates;
+} cotree_evaluation;
+
+#define COTREE_RECENT 3 /* number of evaluations that are kept */
+
 typedef struct cotree_jumps {
     cotree_run *run;
     const cotree_hybrid *hybrid;
+    /* Results of the last evaluation: */
     cotree_real *values; /* event functions, then branches, then quantities of ranges */
     cotree_real *rates;  /* time derivatives of the event functions, then of all new values */
     cotree_real *state_rates;
     cotree_real *before, *after; /* all states and sensitivities before and after the last event */
     cotree_real *time_sensitivity; /* derivatives of the event time with respect to parameters */
     /* The rest is private. */
+    cotree_real *jump_rates; /* time derivatives of R: R_x f- + R_t */
+    cotree_evaluation recent[COTREE_RECENT];
+    int n_recent, oldest; /* number of evaluations; index of the evaluation that is replaced next */
+    cotree_real *other_values; /* values at a point whose rates were not evaluated */
     cotree_real *value_slopes, *new_values;
     /* Work space for impacts. */
     cotree_real *w_work, *packed, *response, *impulse_forces, *force_slopes;
@@ -47,6 +63,9 @@ int cotree_is_contact_slip(const cotree_event *event);
 
 /* Initialise for a model that has events. */
 void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena);
+
+/* Forget all evaluations, since parameters may have changed. */
+void cotree_jumps_forget(cotree_jumps *j);
 
 /* Compute j->values at w. */
 int cotree_jumps_values(cotree_jumps *j, cotree_real t, const cotree_real *w);

@@ -20,13 +20,13 @@ int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w
     int k, status;
     cotree_copy(e->n, w, e->trial);
     cotree_rows_store(e->rows, e->n_rows, 0, e->trial);
-    status = cotree_compute_values(e, t, e->trial);
+    status = cotree_compute_rates(e, t, e->trial);
+    if (status == 0) status = cotree_compute_values(e, t, e->trial);
     cotree_copy(e->n_events, e->jumps.values, e->samples);
     if (status == 0) status = cotree_update_scales(e, t, e->trial, e->samples);
-    if (status == 0) status = cotree_compute_rates(e, t, e->trial);
     e->largest_rate = COTREE_F(0.0);
     for (k = 0; k < e->run->n_rates; ++k)
-        e->largest_rate = COTREE_FMAX(e->largest_rate, COTREE_FABS(e->jumps.state_rates[k]));
+        e->largest_rate = cotree_larger(COTREE_FABS(e->jumps.state_rates[k]), e->largest_rate);
     return status;
 }
 
@@ -44,24 +44,21 @@ cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t, cot
                : COTREE_F(0.0);
 }
 
-/* Evaluate the motion with all friction sliding forwards (1) or backwards (-1) and all stops open.
- * A disc slides in its direction or, backwards, in the opposite direction. */
-static int evaluate_sliding(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real way)
+/* Return the mode in which a friction row slides at w; 1 if it does not slide. */
+static cotree_real sliding_mode(const cotree_row *row, const cotree_real *w)
+{
+    return w[row->mode_state] == -COTREE_F(1.0) ? -COTREE_F(1.0) : COTREE_F(1.0);
+}
+
+/* Evaluate the motion with all stops open and all friction sliding. */
+static int evaluate_sliding(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     cotree_row *row;
-    int c, status;
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
-        const cotree_real slides = cotree_is_disc(row) ? COTREE_F(1.0) : way;
-        row->mode = row->type == COTREE_ROW_FRICTION ? slides
+    for (row = e->rows; row < END_OF_ROWS; ++row)
+        row->mode = row->type == COTREE_ROW_FRICTION ? sliding_mode(row, w)
                     : row->type == COTREE_ROW_LOAD   ? w[row->mode_state]
                                                      : COTREE_F(0.0);
-        for (c = 0; c < COTREE_COMPONENTS; ++c) row->direction[c] *= way;
-    }
-    status = cotree_evaluate_motion(e, t, w);
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
-        for (c = 0; c < COTREE_COMPONENTS; ++c) row->direction[c] *= way;
-    }
-    return status;
+    return cotree_evaluate_motion(e, t, w);
 }
 
 /* Determine whether a friction row is active, and otherwise its mode. */
@@ -72,18 +69,16 @@ static int find_slip(cotree_events *e, cotree_row *row, cotree_real t, const cot
     const int is_one_way = row->limits[1] < 0, is_disc = cotree_is_disc(row);
     const cotree_real rate = e->jumps.rates[i], mode = w[row->mode_state];
 #if COTREE_HAS_DISCS
-    const cotree_real v = is_disc ? cotree_disc_speed(e, row, mode) : e->samples[i];
+    const cotree_real v =
+        is_disc ? cotree_disc_speed(e, row, mode) : sliding_mode(row, w) * e->samples[i];
 #else
-    const cotree_real v = e->samples[i];
+    const cotree_real v = sliding_mode(row, w) * e->samples[i];
 #endif
     cotree_real near = ZERO_ROUNDINGS * (COTREE_SCAN_ROUNDING * e->value_scale[i] +
                                          cotree_spacing(t) * COTREE_FABS(rate));
     near = COTREE_FMAX(near, cotree_rounding_band(e, i));
-    /* Backwards, the slip rate has the opposite sign, so the sum is the difference of the
-     * accelerations in both modes. */
-    row->acceleration_scale =
-        COTREE_FMAX(COTREE_FABS(row->acceleration_scale + rate),
-                    COTREE_FMAX(COTREE_FABS(row->acceleration_scale), COTREE_FABS(rate)));
+    row->sliding_acceleration = rate;
+    row->acceleration_scale = COTREE_FABS(rate);
     /* A one-way clutch whose backward slip rate is below the tolerance is at rest. */
     if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && is_one_way))
         near = COTREE_FMAX(near, cotree_tolerance(e, i));
@@ -131,15 +126,51 @@ static void find_gap(cotree_events *e, cotree_row *row)
                     COTREE_FABS(cotree_jumps_speed_change_rate(&e->jumps, row->event)));
 }
 
+/* Return whether friction may slide in either direction. */
+static int is_reversible(const cotree_row *row)
+{
+    return row->type == COTREE_ROW_FRICTION && (row->is_active || row->stop != NULL);
+}
+
+/* Set the mode of a row to sliding in reverse. A disc slides in the opposite direction. */
+static void reverse(cotree_row *row, const cotree_real *w)
+{
+    int c;
+    row->mode = cotree_is_disc(row) ? COTREE_F(1.0) : -sliding_mode(row, w);
+    for (c = 0; c < COTREE_COMPONENTS; ++c) row->direction[c] = -row->direction[c];
+}
+
+/* Add to the acceleration scales the effect of friction: the change of each acceleration when the
+ * direction of sliding reverses. */
+static int add_reversed_accelerations(cotree_events *e, cotree_real t, const cotree_real *w)
+{
+    cotree_row *row;
+    int is_needed = 0, status;
+    cotree_save_modes(e);
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        if (!is_reversible(row)) continue;
+        reverse(row, w);
+        is_needed = 1;
+    }
+    if (!is_needed) return 0;
+    status = cotree_evaluate_motion(e, t, w);
+    cotree_restore_modes(e);
+    for (row = e->rows; row < END_OF_ROWS; ++row) {
+        const cotree_real rate = e->jumps.rates[row->event];
+        /* In reverse the slip rate has the opposite sign. */
+        if (is_reversible(row))
+            row->acceleration_scale =
+                COTREE_FMAX(COTREE_FABS(row->sliding_acceleration + rate),
+                            COTREE_FMAX(row->acceleration_scale, COTREE_FABS(rate)));
+    }
+    return status;
+}
+
 /* Find the active rows, and set the modes of all other friction rows. */
 static int find_active(cotree_events *e, cotree_real t, const cotree_real *w, int fired)
 {
     cotree_row *row;
-    int status = evaluate_sliding(e, t, w, -COTREE_F(1.0));
-    for (row = e->rows; row < END_OF_ROWS; ++row) {
-        if (row->type == COTREE_ROW_FRICTION) row->acceleration_scale = e->jumps.rates[row->event];
-    }
-    if (status == 0) status = evaluate_sliding(e, t, w, COTREE_F(1.0));
+    int status = evaluate_sliding(e, t, w);
 #if COTREE_HAS_DISCS
     if (status == 0 && e->n_discs > 0 &&
         cotree_jumps_compute_new_values(&e->jumps, t, e->trial) != 0)
@@ -149,7 +180,7 @@ static int find_active(cotree_events *e, cotree_real t, const cotree_real *w, in
         if (row->type == COTREE_ROW_FRICTION) status = find_slip(e, row, t, w, fired);
         if (row->type == COTREE_ROW_STOP) find_gap(e, row);
     }
-    return status;
+    return status == 0 ? add_reversed_accelerations(e, t, w) : status;
 }
 
 /* Determine whether a force stays at its limit (as if both limits are zero), or a load at zero. The
@@ -158,9 +189,14 @@ static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back
                               int fired)
 {
     const cotree_real g = COTREE_FABS(e->samples[i]), size = COTREE_FMAX(g, e->value_scale[i]);
-    e->stays_at_zero[i] = may_rest && (cotree_moving_side(e, i, t, size) == COTREE_F(0.0) ||
-                                       (is_back && g <= LIMIT_RTOL * size) ||
-                                       (i == fired && g <= cotree_tolerance(e, i)));
+    if (!may_rest) {
+        e->stays_at_zero[i] = 0;
+        e->zero_level[i] = COTREE_F(0.0);
+        return;
+    }
+    e->stays_at_zero[i] = cotree_moving_side(e, i, t, size) == COTREE_F(0.0) ||
+                          (is_back && g <= LIMIT_RTOL * size) ||
+                          (i == fired && g <= cotree_tolerance(e, i));
     e->zero_level[i] *= i == fired ? ZERO_LEVEL_GROWTH : COTREE_F(1.0);
     e->zero_level[i] = COTREE_FMAX(COTREE_FMAX(e->zero_level[i], TERM_ROUNDINGS * g),
                                    COTREE_FMAX(LIMIT_RTOL * size, cotree_tolerance(e, i)));

@@ -51,9 +51,10 @@ typedef struct cotree_row {
     cotree_real acceleration_scale;
 
     /* Friction. */
-    int is_resticking;       /* 1: sticks again at the time at which its slip began */
-    cotree_real slide_start; /* time at which the slip began */
-    cotree_real slip_sign;   /* direction of a contact that slides; 0: to be determined */
+    int is_resticking;                /* 1: sticks again at the time at which its slip began */
+    cotree_real slide_start;          /* time at which the slip began */
+    cotree_real sliding_acceleration; /* acceleration if all friction slides */
+    cotree_real slip_sign;            /* direction of a contact that slides; 0: to be determined */
     cotree_real slip_speed[COTREE_COMPONENTS]; /* slip before the impact */
     /* Direction of sliding in space; components that a row does not have are 0. */
     cotree_real direction[COTREE_COMPONENTS];
