@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 from dataclasses import fields, replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import jinja2
@@ -17,6 +16,7 @@ import jointed_scenes
 import numpy as np
 import pytest
 from jinja2 import meta
+from page_data import Parts, data_of
 from scipy.spatial.transform import Rotation
 
 from cotree import load
@@ -37,34 +37,6 @@ def space():
     scene = jointed_scenes.spatial_chain("distance")
     model = scene.compile(tree=jointed_scenes.CHAIN_TREE, optimize="-O0")
     return model.simulate((0, 2)).animate()
-
-
-class Parts(HTMLParser):
-    """Elements with their attributes, and the text of scripts and styles."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict]] = []
-        self.texts: dict[str, str] = {}
-        self._within = ""
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-        kind = dict(attrs).get("type", "")
-        self._within = f"{tag} {kind}".strip() if tag in ("script", "style", "title") else ""
-
-    def handle_endtag(self, tag):
-        self._within = ""
-
-    def handle_data(self, data):
-        if self._within:
-            self.texts[self._within] = self.texts.get(self._within, "") + data
-
-
-def data_of(text):
-    return json.loads(Parts(text).texts["script application/json"])
 
 
 def summed(rows, n):

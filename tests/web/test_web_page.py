@@ -8,12 +8,11 @@ import re
 import subprocess
 import sys
 from dataclasses import fields
-from html.parser import HTMLParser
 from typing import TYPE_CHECKING
 
 import pytest
 import tomlkit
-from page_data import data_of
+from page_data import Parts, data_of
 
 from cotree import Scene, load
 from cotree.cli import main
@@ -36,30 +35,6 @@ def _without_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cotree.web.wasm.check_zig", lambda: None)
     monkeypatch.setattr(page_module, "check_zig", lambda: None)
     monkeypatch.setattr(page_module, "build_wasm", lambda files: b"")
-
-
-class Parts(HTMLParser):
-    """Elements with their attributes, and the text of scripts and styles."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.texts: dict[str, str] = {}
-        self._within = ""
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-        kind = dict(attrs).get("type", "")
-        self._within = f"{tag} {kind}".strip() if tag in ("script", "style", "title", "h1") else ""
-
-    def handle_endtag(self, tag):
-        self._within = ""
-
-    def handle_data(self, data):
-        if self._within:
-            self.texts[self._within] = self.texts.get(self._within, "") + data
 
 
 def hostile_scene(folder: Path) -> Scene:
