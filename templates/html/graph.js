@@ -32,7 +32,7 @@ const drawLinearGraph = (graph, svg, note) => {
     const d = `M${p}C${a} ${b} ${q}`;
     const tip = cubic(points, 0.76), tail = cubic(points, 0.7);
     const angle = Math.atan2(tip[1] - tail[1], tip[0] - tail[0]);
-    const corner = (along, aside) => [tip[0] + along * Math.cos(angle) - aside * Math.sin(angle), tip[1] + along * Math.sin(angle) + aside * Math.cos(angle)].map((v) => v.toFixed(1)).join(",");
+    const corner = (along, across) => [tip[0] + along * Math.cos(angle) - across * Math.sin(angle), tip[1] + along * Math.sin(angle) + across * Math.cos(angle)].map((v) => v.toFixed(1)).join(",");
     const [x, y] = at(edge.label);
     group.append(svgElement("path", { class: "target", d }), svgElement("path", { class: "line", d }),
       svgElement("polygon", { points: [corner(5, 0), corner(-7, 5.5), corner(-7, -5.5)].join(" ") }),

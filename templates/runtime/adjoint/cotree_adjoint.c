@@ -332,7 +332,7 @@ static int sweep_segment(cotree_adjoint *a, sweep *s, int segment, int *n_left)
             status = compute_stages(a, s, a->t[row], row_of(a, row), h);
             if (status == 0) status = transpose_step(a, s, a->t[row], h, first, a->states);
         } else if (status == 0 && s->has_rate[place]) {
-            /* No step begins at the last row, so the rate there has an adjoint of its own. */
+            /* No step begins at the last row, so the adjoint of the rate there is separate. */
             const cotree_real at = cotree_run_inside(&s->run, a->t[row]);
             status = cotree_run_inputs(&s->run, at);
             if (status == 0) {
